@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if certificate.holds:
             summary = summarize(certificate.to_mapping())
             bound = "" if "|force|" in summary else f"; {certificate.force_claim}"
-            print(f"stable: {summary} (proved){bound}")
+            print(f"proved stable: {summary}{bound}")
         else:
             terminal.print_warning(
                 "--allow-uncertified: the stability of this model is not proved; do not use it on a vehicle"

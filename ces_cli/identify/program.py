@@ -310,7 +310,7 @@ def _print_certificate(model: Model, doubt: str) -> None:
     """Print the certificate, or why there is none and what that means; `doubt` is why a proof failed."""
     which = late(model.sampling.delay_s)
     if model.certificate is not None:
-        print(f"stable{which}: {summarize(model.certificate)} (proved)")
+        print(f"proved stable{which}: {summarize(model.certificate)}")
         return
     if doubt:
         text = f"not proved stable{which}: {doubt}; the"

@@ -86,10 +86,9 @@ class Certificate(ABC):
 
 def summarize(stored: Mapping[str, Any]) -> str:
     """Return a model file's stored certificate as a sentence."""
-    forgets_s = stored.get("forgets_s")
-    return _summarize_bounds(stored) + (
-        "" if forgets_s is None else f"; its start is forgotten after {forgets_s:.2g} s"
-    )
+    forgets_s, how = stored.get("forgets_s"), " (measured)" if "forgetting" in stored else ""
+    start = "" if forgets_s is None else f"; its start is forgotten after {forgets_s:.2g} s{how}"
+    return _summarize_bounds(stored) + start
 
 
 def _summarize_bounds(stored: Mapping[str, Any]) -> str:
