@@ -239,7 +239,7 @@ def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> 
     if model.certificate is None:
         return model
     measured = find_forgetting(model, series, forget_s, run_batch)
-    if not measured.suffices:
+    if not (measured.suffices or model.body.keeps_past):
         raise CesError(
             f"the model does not forget where it was started: {measured.describe()}; --forget {2.0 * forget_s:g} "
             "allows it more time; or take another structure"

@@ -39,7 +39,6 @@ class IdentifyOptions:
     """
 
     split: float | None = None
-    speed: str | None = None
     candidates: CandidateRules | None = None
     limits: Limits = field(default_factory=Limits)
     rate: float | None = None
@@ -48,6 +47,7 @@ class IdentifyOptions:
     weight: Weighting = EQUAL
     band: bool = True
     forget_s: float = 5.0
+    speed: str | None = None
 
     def share(self, validation: Sequence[object]) -> float:
         """Return the share of each recording to identify on; without `split`, all where there are `validation` data."""

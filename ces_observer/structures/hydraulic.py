@@ -237,7 +237,10 @@ class Hydraulic(Structure):
     def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
         """Return the force [N] at mid-stroke of full strokes at constant speed and current, here in one long tick."""
         low, high = within.inputs["position"]
-        run = self.at_full_strokes(0.5 * (high - low), self.valve.steady(current_A)).make_predictor(physical.LONG_TICK)
+        body = self.at_full_strokes(0.5 * (high - low), self.valve.steady(current_A))
+        leak = 1.0 / (self.leak_s * physical.LONG_TICK.rate_Hz)  # of the volumes in such a tick, which ends empty
+        names = ("compression_m_N", "rebound_m_N")
+        run = replace(body, **{name: leak * getattr(body, name) for name in names}).make_predictor(physical.LONG_TICK)
         return run.tick(0.5 * (low + high), speed_m_s, current_A)
 
     def at_full_strokes(self, half_m: float, setting: float) -> Self:

@@ -28,6 +28,7 @@ from ces_observer.tick import polynomial as tick
 from ces_observer.tick.structure import POLYNOMIAL
 
 Row = tuple[float, int, int]  # coefficient, and places of two factors
+HYSTERESES = ("stop", "play")  # constructed inputs that keep their past at rest
 DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs, and its bound need not be tight
 CLAIM = "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope"
 METHOD = "interval branch and bound, outward rounding"
@@ -85,6 +86,11 @@ class Polynomial(Structure):
         inputs_alone = [term for term in self.terms if not term.output_lag]
         drive, more = bound_maximum([inputs_alone], within.inputs, gap=DRIVE_GAP, max_boxes=DRIVE_BOXES)
         return Contraction(gain, drive, boxes + more, CLAIM, METHOD, self._forgets_s(gain, within.rate_Hz))
+
+    @property
+    def keeps_past(self) -> bool:  # type: ignore[override]  # of other structures, none does
+        """True if an input has hysteresis."""
+        return any(one.kind in HYSTERESES for one in self.constructed)
 
     def _forgets_s(self, gain: float, rate_Hz: float) -> float:
         """Return how long the past counts; it is not proved for constructed inputs with a past of their own."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import chain, islice
 from math import hypot, pi, sqrt
@@ -329,7 +329,8 @@ class Recurrent(Structure):
     @property
     def parameters(self) -> int:
         """Number of parameters of all members."""
-        return sum(len(numbers) for stage in self.all_stages for numbers in vars(stage).values())
+        names = [one.name for one in fields(Stage)]
+        return sum(len(getattr(stage, name)) for stage in self.all_stages for name in names)
 
     def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
         """Return the force [N] at constant inputs: that of a first tick, before which inputs were the same."""

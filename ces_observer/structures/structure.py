@@ -86,7 +86,8 @@ class Structure(ABC):
     `extrapolates` is True if inputs outside the envelope are used as they are, up to a stated reach, and not clamped to
     the envelope. `unproved` is the reason given if `is_stable` is False. `number` is its number in
     `ces_observer.tick.structure`, and `runs` are its reset and its tick there. If not
-    `forgets_by_proof`, the time in which it forgets its start has to be measured.
+    `forgets_by_proof`, the time in which it forgets its start has to be measured. One that `keeps_past` has inputs that
+    stay where they were at rest, as the user's rules ask for.
     """
 
     name: ClassVar[str]
@@ -97,6 +98,7 @@ class Structure(ABC):
     extrapolates: ClassVar[bool] = False
     unproved: ClassVar[str] = "it is not proved to be a contraction over its input envelope"
     forgets_by_proof: ClassVar[bool] = True
+    keeps_past: ClassVar[bool] = False
     number: ClassVar[int] = -1
     runs: ClassVar[tuple[Callable[..., None], Callable[..., float]]]
 

@@ -7,6 +7,7 @@ from planted import FUZZY, NETWORK, SAMPLING, planted
 from ces_identify.prepare.series import prepare
 from ces_identify.report.page import write_report
 from ces_identify.structures import model_table
+from ces_identify.structures.auto import REASON
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
@@ -47,14 +48,13 @@ def test_the_page_is_whole_and_shows_the_table_in_place_of_terms(model, rows, tm
 
 
 @pytest.mark.parametrize(
-    ("hydraulic", "advised", "tie"),
-    [(2.0, True, ""), (4.9, False, ""), (2.0, True, "they cannot be told apart: a reason")],
+    ("hydraulic", "advised", "reason"), [(2.0, True, ""), (4.9, False, "the mean of both is taken")]
 )
-def test_the_page_compares_structures_and_names_a_clearly_better_one(hydraulic, advised, tie, tmp_path):
+def test_the_page_compares_structures_and_names_a_clearly_better_one(hydraulic, advised, reason, tmp_path):
     selection = {
         "structure": "polynomial",
         "structures": {"hydraulic": hydraulic, "polynomial": 5.0},
-        "structures_tie": tie,
+        REASON: reason,
     }
     body = Polynomial((Term(-1.5, ()),))
     model = Model(SAMPLING, body, NETWORK.envelope, (-1, 1), provenance={"selection": selection})
@@ -63,8 +63,8 @@ def test_the_page_compares_structures_and_names_a_clearly_better_one(hydraulic, 
     section = next(s for s in root.iter("{http://www.w3.org/1999/xhtml}section") if s.get("id") == "structures")
     rows = [["".join(cell.itertext()) for cell in row] for row in section.iter("{http://www.w3.org/1999/xhtml}tr")]
     assert rows[1:] == [["hydraulic", f"{hydraulic:.2f}"], ["polynomial", "5.00"]]
-    assert ("model_hydraulic.json --structure hydraulic" in "".join(root.itertext())) == (advised and not tie)
-    assert tie in "".join(section.itertext())
+    assert ("model_hydraulic.json --structure hydraulic" in "".join(root.itertext())) == advised
+    assert reason in "".join(section.itertext())
 
 
 def test_a_model_without_a_comparison_has_no_such_section(tmp_path):
