@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 from ces_data.arrays import F, I
 from ces_identify.physical.laws import NODES, STARTS, STEP, KindStart, LawEdge, NodeEdge
 from ces_identify.trained.training import Training
-from ces_observer.structures.hydraulic import RELAXATIONS
+from ces_observer.structures.hydraulic import NEVER_S, RELAXATIONS
 
 CURRENTS = 6  # nodes of the valve's characteristic
 POSITIONS = 5  # nodes of the gas force
@@ -259,7 +259,8 @@ def first_layout(scales: DataScales, kind: str, rows: int, held: bool, bypassed:
         law = np.array([opening + 1.0, 0.0, np.log(0.25 * span), np.log(0.05 * span)])
         bypass = Bump("bypass", law, np.full(4, 0.1 * WEIGHT), 0.25 * span, bypassed)
     groups = make_groups(scales, start, held, bypass)
-    stiffer_1_m = 2.0 / (YIELD_WAY * float(np.ptp(scales.positions_m)))
+    forgets = scales.relax_s < NEVER_S  # a twin of a simulation need not
+    stiffer_1_m = 2.0 / (YIELD_WAY * float(np.ptp(scales.positions_m))) if forgets else 0.0
     return Layout(tuple(groups), laws, scales.speed_m_s * NODES, scales.force_N, stiffer_1_m)
 
 
