@@ -34,7 +34,8 @@ from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkFit, NetworkShape
 from ces_identify.trained.lagged_kernels import RegressorTable
-from ces_identify.trained.training import LagCounts, Training, build_training, delay_values, train
+from ces_identify.trained.starts import train
+from ces_identify.trained.training import LagCounts, Training, build_training, delay_values
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, run, with_seed

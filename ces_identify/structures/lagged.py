@@ -20,7 +20,8 @@ from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.search_limits import INTERRUPTED, Listener
 from ces_identify.prepare.series import Series
 from ces_identify.structures.kit import Fitted, IdentifyOptions
-from ces_identify.trained.training import LAG_SETS, MAX_GAIN, Family, LagCounts, Lags, Training, build_training, train
+from ces_identify.trained.starts import train
+from ces_identify.trained.training import LAG_SETS, MAX_GAIN, Family, LagCounts, Lags, Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.proof.certificate import largest_gain

@@ -1,36 +1,22 @@
-"""Training of models on lagged regressors: series in, Levenberg-Marquardt on the free run, stopped early.
+"""What models on lagged regressors are trained on: stacked series and regressors; families of such models.
 
-`Training` holds the stacked series; estimation and selection are the alternating blocks of
-`ces_identify.polynomial.problem`, and every recording has the same weight. Every start climbs a ladder of sizes: at
-each it descends on the estimation ticks from random parameters, and from the best smaller model if that is not enough
-to beat it. It keeps the parameters with the lowest cost on the selection ticks, whatever their size. With
-`certificate`, a penalty holds the gain of the past forces below MAX_GAIN, and only parameters below it are kept.
+Estimation and selection are the alternating blocks of `ces_identify.polynomial.problem`, and every recording has the
+same weight.
 """
 
 from __future__ import annotations
 
-import threading
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import run_batch
-from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.problem import assemble_problem
-from ces_identify.polynomial.search_limits import (
-    WORK_IS_DONE,
-    Limits,
-    Listener,
-    SearchResult,
-    reason_to_end,
-    run_starts,
-    spread_work,
-)
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
 from ces_identify.trained.lagged_kernels import RegressorTable
@@ -276,122 +262,3 @@ class Family(LaggedModels):
     def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
         """Return the errors of the free run, as `errors_on` does."""
         return self.errors_on(self.table, params, max_error)
-
-
-MARGIN = 0.002  # below MAX_GAIN, where the penalty begins
-PENALTIES = (10.0, 100.0, 1e3, 1e4)  # [(J / 100)^2] on a squared excess of gain, raised until there is no excess
-WORK = 1.2e11  # of a start: ticks times squared parameters, of all steps
-MAX_STEPS = 300  # at each size
-PATIENCE = 25  # steps without improvement on the selection ticks, after which a descent ends
-MIN_IMPROVEMENT = 1e-3  # relative
-NO_MORE_GAIN = "no more gain on the selection ticks"
-NO_STEP, DIVERGED = "no step lowers the error", "start diverged"
-GOES_ON = (NO_MORE_GAIN, NO_STEP, DIVERGED)  # ends of a descent, after which the start climbs on
-
-
-def train(
-    family: Family,
-    limits: Limits,
-    certificate: bool = True,
-    listener: Listener = lambda result: None,
-    max_gain: float = MAX_GAIN,
-) -> list[SearchResult]:
-    """Run the starts in parallel threads and return their results, best first, without starts that failed.
-
-    Ctrl-C stops every start; the best results so far are returned. The threads call `listener` at each improvement and
-    when a start stops. `SearchResult.chosen` counts units or rules, which tells the model of the family's ladder;
-    `coefficients` are its parameters.
-    """
-    limits = spread_work(limits, len(family.training.measured))
-    results = run_starts(
-        limits,
-        lambda seed, deadline, stop: _Start(
-            family, limits, seed, certificate, deadline, stop, listener, max_gain
-        ).run(),
-    )
-    return [result for result in results if np.isfinite(result.cost)]
-
-
-@dataclass
-class _Start:
-    """One seeded start; `family` is that of the present size."""
-
-    family: Family
-    limits: Limits
-    seed: int
-    certificate: bool
-    deadline: float
-    stop: threading.Event
-    listener: Listener
-    max_gain: float
-    step: int = 0
-    spent: float = 0.0  # share of the work
-    lowest: float = np.inf  # selection cost of the last real improvement,
-    improved_at: int = 0  # and its step
-    began_at: int = 0  # step of the present size
-
-    def __post_init__(self) -> None:
-        self.random = np.random.default_rng(self.seed)
-        self.best = SearchResult(np.empty(0, np.int64), np.empty(0), np.inf, self.seed, 0, "running")
-
-    def run(self) -> SearchResult:
-        """Descend at each size until the cost on the selection ticks stops falling; return the best parameters."""
-        ended, ladder = self._find_stop_reason(), self.family.ladder()
-        for family in ladder:
-            if ended in ("", *GOES_ON):
-                self.family = family
-                ended = self._descend(family.start(self.random))
-            smaller = next((one for one in ladder if one.size == len(self.best.chosen)), family)
-            if ended in GOES_ON and smaller.size < family.size:
-                ended = self._descend(family.grow(smaller, self.best.coefficients, self.random))
-        self.best = replace(self.best, ended=ended, share=1.0)
-        if np.isfinite(self.best.cost):
-            self.listener(self.best)
-        return self.best
-
-    def _descend(self, params: F) -> str:
-        ended, self.began_at = DIVERGED, self.step
-        for penalty in PENALTIES:
-            self.lowest, self.improved_at = np.inf, self.step
-            for _, trial in descend(partial(self._compute_errors_with_penalty, penalty=penalty), params):
-                if trial is not params or self.step == self.began_at:
-                    self._evaluate(trial)
-                params = trial
-                self.step += 1
-                self.spent += len(self.family.training.measured) * len(params) ** 2 / max(1.0, WORK * self.limits.work)
-                ended = self._find_stop_reason()
-                if ended:
-                    break
-            if ended != NO_MORE_GAIN or self._is_allowed(params):
-                break
-        return ended or NO_STEP
-
-    def _evaluate(self, params: F) -> None:
-        cost = self.family.training.cost(self.family.force(params), self.family.training.selection)
-        if cost < self.lowest * (1.0 - MIN_IMPROVEMENT):
-            self.lowest, self.improved_at = cost, self.step
-        if cost < self.best.cost and self._is_allowed(params):
-            chosen, share = np.arange(self.family.size), min(1.0, self.spent)
-            self.best = SearchResult(chosen, params, cost, self.seed, self.step + 1, "running", share)
-            self.listener(self.best)
-
-    def _find_stop_reason(self) -> str:
-        reason = reason_to_end(self.limits, self.best.cost, self.deadline, self.stop)
-        if reason or self.spent >= 1.0:
-            return reason or WORK_IS_DONE
-        still = self.step - self.improved_at >= PATIENCE or self.step - self.began_at >= MAX_STEPS
-        return NO_MORE_GAIN if still else ""
-
-    def _compute_errors_with_penalty(self, params: F, max_error: float, penalty: float) -> tuple[float, F, F]:
-        """Return the family's errors with the penalty on gains above `max_gain` - MARGIN."""
-        error, matrix, gradient = self.family.errors(params, max_error)
-        if not self.certificate or not np.isfinite(error):
-            return error, matrix, gradient
-        gains, slopes = self.family.gains(params)
-        excess = np.maximum(gains - (self.max_gain - MARGIN), 0.0)
-        active = slopes[excess > 0.0]
-        error += penalty * float(excess @ excess)
-        return error, matrix + penalty * active.T @ active, gradient - penalty * excess @ slopes
-
-    def _is_allowed(self, params: F) -> bool:
-        return not self.certificate or bool(self.family.gains(params)[0].max() < self.max_gain)

@@ -13,7 +13,8 @@ from ces_identify.polynomial.search_limits import TIME_IS_UP, Limits
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkShape
-from ces_identify.trained.training import MAX_GAIN, NO_MORE_GAIN, Lags
+from ces_identify.trained.starts import NO_MORE_GAIN
+from ces_identify.trained.training import MAX_GAIN, Lags
 from ces_identify.validation.evaluate import VALIDATION
 
 pytestmark = pytest.mark.slow

@@ -20,7 +20,8 @@ from ces_identify.polynomial.selection import search
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.network import NetworkShape
-from ces_identify.trained.training import Lags, build_training, train
+from ces_identify.trained.starts import train
+from ces_identify.trained.training import Lags, build_training
 
 LIMITS = Limits(terms=6, starts=4, threads=1)
 LAGS = Lags((1,), (0.0, 0.0025), (0.0075,))
