@@ -77,7 +77,7 @@ def identify(
 ) -> IdentificationResult:
     """Identify a model; neither the fit nor the selection sees the `validation` recordings.
 
-    `structure` is a name of `ces identify --structure`, or "auto": the best of short fits of all. Further names are
+    `structure` is a name of `ces identify --structure`, or "auto": the best of several, or a mean. Further names are
     those of the command line: of IdentifyOptions and Limits (`time`, `terms`, `split`, `delay`, ...), and the sizes of
     the structure (`units`, `rules`, ...); they count more than `options`. `signals` is the signals file for
     recordings given as paths. `listener` is called with each improvement. Warns of what looks wrong; raises CesError if

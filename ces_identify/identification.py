@@ -45,10 +45,7 @@ UNLIKE_FORCE = "the force does not follow these signals: check that topics, sign
 ALL_TICKS, MAX_TICKS = 600_000, 300_000  # that are used; of more, one minute in three, four, ... of long recordings
 STRETCHES = "identified_on"  # key of the provenance
 MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
-AGREEMENT, AGREEMENT_J = (
-    1.25,
-    0.5,
-)  # a model's J over the one shown for it, and [%] beside: a last fit changes it by less
+AGREEMENT, AGREEMENT_J = 1.25, 0.5  # a model's J over the one shown for it, and [%] beside: a last fit changes less
 COSTS, DELAYED_SELECTION = "cost_J_percent", "selection_delayed"  # keys of the provenance
 
 
@@ -191,7 +188,7 @@ def _identify_at(
     fitted = fitter(identified, sampling, options, listener)
     require_shown_cost(fitted, identified, options)
     band = fit_band(fitted.model, identified, fitted.refit, fitted.leave_out_recordings) if options.band else None
-    model = replace(with_forgetting(fitted.model, identified, options.forget_s), band=band)
+    model = replace(with_forgetting(fitted.model, identified, options.forget), band=band)
     rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
     held_out = [series for series in rest if series.scored.sum() >= MIN_SCORED_TICKS]
     held_out += [prepare(recording, sampling) for recording in validation]

@@ -127,7 +127,7 @@ IGNORE_FINDINGS = Option(
 def structure_option() -> Option:
     """Return the option that chooses the structure of the model."""
     about = ", ".join(f"{name}: {kit.about}" for name, kit in KITS.items())
-    text = f"{about}; {AUTO}: the best of short fits of all"
+    text = f"{about}; {AUTO}: the best of several, or a mean of them"
     return Option("structure", next(iter(KITS)), text, choices=(*KITS, AUTO))
 
 
@@ -155,5 +155,4 @@ def build_identify_options(values: Mapping[str, Any]) -> IdentifyOptions:
     limits = Limits(**{f.name: given[f.name] for f in fields(Limits) if f.name in given})
     own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
     own |= {"delay": as_delays(own["delay"])} if "delay" in own else {}
-    own |= {"forget_s": values[FORGET.name]} if FORGET.name in values else {}
     return IdentifyOptions(**{**own, "limits": limits})

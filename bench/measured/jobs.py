@@ -20,7 +20,7 @@ NEVER = 1000.0  # [%] J beyond which a run is shown as divergent
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FitOutcome:
     """Mean J [%] on the tests, what the tool chose, CPU and wall time [s]; or why there is none."""
 
     cost: float = math.inf
@@ -42,7 +42,7 @@ class FitJob:
     def path(self) -> Path:
         return self.store / f"{self.case}_{self.tool.replace(' ', '_').replace(',', '')}.json"
 
-    def write(self, outcome: Outcome) -> None:
+    def write(self, outcome: FitOutcome) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.write_text(json.dumps(asdict(outcome)), encoding="utf-8")
 
@@ -53,12 +53,12 @@ def fit_and_store(job: FitJob) -> None:
     try:
         case = prepare_case(CASES[job.case]())
         (simulate, chosen), spent = time_call(lambda: fit_tool(job.tool, case))
-        job.write(Outcome(case.test_cost(simulate), chosen, round(spent.cpu, 1), round(spent.wall, 1)))
+        job.write(FitOutcome(case.test_cost(simulate), chosen, round(spent.cpu, 1), round(spent.wall, 1)))
     except Exception as error:  # a tool may fail in any way; the table says so
-        job.write(Outcome(failed=f"{type(error).__name__}: {error}"))
+        job.write(FitOutcome(failed=f"{type(error).__name__}: {error}"))
 
 
-def run_job(job: FitJob) -> Outcome:
+def run_job(job: FitJob) -> FitOutcome:
     """Return the kept outcome, or that of a new process, which is stopped after PATIENCE_S."""
     if not job.path.exists():
         child = multiprocessing.get_context("spawn").Process(target=fit_and_store, args=(job,))
@@ -68,8 +68,8 @@ def run_job(job: FitJob) -> Outcome:
             child.kill()
             child.join()
         if not job.path.exists():
-            job.write(Outcome(failed=f"ended with code {child.exitcode}"))
-    outcome = Outcome(**json.loads(job.path.read_text("utf-8")))
+            job.write(FitOutcome(failed=f"ended with code {child.exitcode}"))
+    outcome = FitOutcome(**json.loads(job.path.read_text("utf-8")))
     shown = outcome.failed or f"{show_cost(outcome.cost)} {outcome.chosen} ({outcome.cpu_s:.0f} CPU s)"
     print_note(f"{job.case}, {job.tool}: {shown}")
     return outcome

@@ -11,7 +11,7 @@ from ces_identify.structures.kit import StructureKit
 from ces_observer.proof.certificate import ENERGY_CLAIM
 
 HEAD = """
-What `ces identify --structure NAME` fits; `auto` compares short fits of all. [Model structures](../structures.md) says
+What `ces identify --structure NAME` fits; `auto` compares several. [Model structures](../structures.md) says
 when to choose which, [what is proved](../proof.md) what a proof means.
 """
 

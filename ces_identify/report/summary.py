@@ -162,7 +162,7 @@ def _describe_alternative(model: Model, command: str) -> Answers:
     best = min(costs, key=lambda name: costs[name])
     found = f"{best}: J {three_figures(costs[best])} % on data left out, {chosen} {three_figures(costs[chosen])} %"
     return [
-        ("Another structure?", f"{found} (short fits). This takes it:", _with(command or "ces identify BAG...", best))
+        ("Another structure?", f"{found} (a short fit). This takes it:", _with(command or "ces identify BAG...", best))
     ]
 
 

@@ -21,7 +21,7 @@ from ces_identify.structures.forgetting import find_forgetting
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
-from ces_observer.structures.mixture import Member, Mixture
+from ces_observer.structures.mixture import Mixture, WeightedModel
 
 AUTO = "auto"
 REASON = "structures_reason"  # key of the provenance
@@ -90,10 +90,7 @@ class _Fits:
             return
         self._is_over = fitted.results[0].ended == INTERRUPTED
         cost = self.found[name].results[0].cost if name in self.found else inf
-        if (
-            fitted.results[0].cost < cost
-            and find_forgetting(fitted.model, self.series, how.forget_s, run_batch).suffices
-        ):
+        if fitted.results[0].cost < cost and find_forgetting(fitted.model, self.series, how.forget, run_batch).suffices:
             self.found[name] = fitted
 
     def alike(self) -> list[str]:
@@ -113,7 +110,7 @@ def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
     reason = f"{alike[0]} is taken: the next costs more than {ALIKE:g} times as much"
     if len(alike) > 1:
         reason = f"the mean of {taken} is taken, which cost at most {ALIKE:g} times as much as the best"
-    facts = {"structure": " and ".join(alike), "structures": _rounded(costs), REASON: reason}
+    facts = {"structure": " and ".join(alike), "structures": _round_costs(costs), REASON: reason}
     first = fits[alike[0]]
     if len(alike) == 1:
         return replace(first, how={**first.how, **facts})
@@ -133,7 +130,7 @@ def mean_of(models: Sequence[Model], weights: Sequence[float]) -> Model:
     for model, weight in zip(models, weights, strict=True):
         own = model.body.members if isinstance(model.body, Mixture) else ()
         members += [replace(one, weight=weight * one.weight) for one in own]
-        members += [] if own else [Member(weight, model.body, model.force_envelope_N)]
+        members += [] if own else [WeightedModel(weight, model.body, model.force_envelope_N)]
     lows, highs = zip(*(model.force_envelope_N for model in models), strict=True)
     mean = Model(models[0].sampling, Mixture(tuple(members)), models[0].envelope, (min(lows), max(highs)))
     proof = mean.certify()
@@ -177,12 +174,12 @@ def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
                 costs[name] = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None).results[0].cost
             except CesError:
                 continue
-        return replace(fitted, how={**fitted.how, "structure": option, "structures": _rounded(costs)})
+        return replace(fitted, how={**fitted.how, "structure": option, "structures": _round_costs(costs)})
 
     return fitter if KITS[option].models else fit_beside_physical_structures
 
 
-def _rounded(costs: Mapping[str, float]) -> dict[str, float]:
+def _round_costs(costs: Mapping[str, float]) -> dict[str, float]:
     return {name: round(cost, 4) for name, cost in costs.items()}
 
 

@@ -22,7 +22,7 @@ from ces_observer.options import Option
 from ces_observer.proof.certificate import largest_gain
 from ces_observer.structures.experts import MAX_EXPERTS, Experts
 from ces_observer.structures.lagged_signals import longest_lags
-from ces_observer.structures.mixture import Member, Mixture
+from ces_observer.structures.mixture import Mixture, WeightedModel
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
 LAGS_S = (0.0, 1e-3, 3e-3, 7e-3, 15e-3)  # of speed and current (Dyke: 15 %; with the last four ticks of 3 kHz 20 %),
@@ -46,7 +46,7 @@ def fit_experts(
     training = build_training(series, options.weight)
     lags_s = choose_lags(sampling.rate_Hz)
     past, *inputs = build_regressors(training, Lags((1,), lags_s, lags_s), sampling.rate_Hz)
-    limit = largest_gain(options.forget_s, *longest_lags((*inputs, past)), sampling.rate_Hz) * (1.0 - ROUNDING)
+    limit = largest_gain(options.forget, *longest_lags((*inputs, past)), sampling.rate_Hz) * (1.0 - ROUNDING)
     family = ExpertsFit(training, (*inputs, past), count, limit, DECAY)
     starts = min(options.limits.starts, STARTS, max(MEMBERS, STARTS_TICKS // len(training.measured)))
     limits = replace(options.limits, starts=starts)
@@ -72,7 +72,7 @@ def _build_model(family: ExpertsFit, sampling: Sampling, members: Sequence[F]) -
     """Return the mean of members, or the only one."""
     training = family.training
     bodies = [family.body(params) for params in members]
-    mean = Mixture(tuple(Member(1.0 / len(bodies), body, training.force_envelope) for body in bodies))
+    mean = Mixture(tuple(WeightedModel(1.0 / len(bodies), body, training.force_envelope) for body in bodies))
     return Model(sampling, mean if len(bodies) > 1 else bodies[0], training.envelope, training.force_envelope)
 
 

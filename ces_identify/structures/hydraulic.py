@@ -44,14 +44,14 @@ def _fit(
 ) -> Fitted:
     """Return the best network of these kinds; raises CesError if there is none."""
     training = build_training(series, how.weight)
-    scales = read_scales(training, sampling.rate_Hz, how.forget_s)
+    scales = read_scales(training, sampling.rate_Hz, how.forget)
     held = is_held(training, sampling.rate_Hz)
     search = PhysicalSearch(how.limits, tell)
     fits = search.run(training, scales, kinds, rows, held)
     if not fits:
         raise CesError("no start of the hydraulic fit gave a finite cost; check signals and units")
     best = replace(fits[0], theta=search.refit(fits[0]))
-    if not measure_forgetting(_build_model(best, sampling), series, how.forget_s).suffices:
+    if not measure_forgetting(_build_model(best, sampling), series, how.forget).suffices:
         best = replace(best, models=replace(best.models, leaks=True))
         best = replace(best, theta=search.refit(best))
     facts: dict[str, Any] = {

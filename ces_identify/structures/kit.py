@@ -35,7 +35,7 @@ class IdentifyOptions:
     matter more in fit and selection. With `certificate`, only models with one (ces_observer.proof.certificate) are
     considered; the thesis' procedure considers all and gives a certificate to the model that it finds, if the proof
     succeeds. With `band`, the model gets a band (ces_observer.band). A model forgets where it was started within
-    `forget_s` [s].
+    `forget` [s].
     """
 
     split: float | None = None
@@ -46,7 +46,7 @@ class IdentifyOptions:
     certificate: bool = True
     weight: Weighting = EQUAL
     band: bool = True
-    forget_s: float = 5.0
+    forget: float = 5.0
     speed: str | None = None
 
     def share(self, validation: Sequence[object]) -> float:

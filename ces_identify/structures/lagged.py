@@ -57,7 +57,7 @@ class LaggedShape(ABC):
         data = build_training(series, options.weight)
         shape = self if self.lags is not None else self._choose_lags(data, sampling.rate_Hz, options)
         family = shape.family(data, sampling.rate_Hz)
-        gain = largest_gain(options.forget_s, *longest_lags(family.columns), sampling.rate_Hz)
+        gain = largest_gain(options.forget, *longest_lags(family.columns), sampling.rate_Hz)
         results = train(family, options.limits, options.certificate, listener, min(MAX_GAIN, gain))
         if not results:
             raise CesError(f"no start of the {self.option} fit gave a stable model; give more starts or data")

@@ -81,7 +81,7 @@ def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Probl
     problem = assemble_problem(training, rules.candidates(), stable, options.weight)
     past = max((term.output_lag for term in problem.candidates), default=0)
     inputs = max((f.lag for term in problem.candidates for f in term.inputs), default=0)
-    gain = largest_gain(options.forget_s, past, inputs, training[0].rate_Hz) - PROOF_ROOM
+    gain = largest_gain(options.forget, past, inputs, training[0].rate_Hz) - PROOF_ROOM
     return replace(
         problem,
         initial=np.arange(len(rules.initial_terms())),

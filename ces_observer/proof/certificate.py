@@ -86,8 +86,11 @@ class Certificate(ABC):
 
 def summarize(stored: Mapping[str, Any]) -> str:
     """Return a model file's stored certificate as a sentence."""
-    forgets_s, how = stored.get("forgets_s"), " (measured)" if "forgetting" in stored else ""
-    start = "" if forgets_s is None else f"; its start is forgotten after {forgets_s:.2g} s{how}"
+    forgets_s, measured = stored.get("forgets_s"), stored.get("forgetting")
+    start = "" if forgets_s is None else f"; its start is forgotten after {forgets_s:.2g} s"
+    if measured:
+        left = max(measured["left_percent"].values(), default=0.0)
+        start = f"; measured: {left:.2g} % of its start is left after {measured['after_s']:g} s"
     return _summarize_bounds(stored) + start
 
 

@@ -33,7 +33,7 @@ METHOD = "weights above 0 that sum to 1; for the members"
 
 
 @dataclass(frozen=True)
-class Member:
+class WeightedModel:
     """A model in the mean: its weight, its structure, and the range [N] in which its own force is held."""
 
     weight: float
@@ -63,7 +63,7 @@ class Member:
 class MixtureCertificate(Certificate):
     """The proofs of the members, each with the member."""
 
-    members: tuple[tuple[Member, Certificate], ...]
+    members: tuple[tuple[WeightedModel, Certificate], ...]
     claim: str
     method: str
 
@@ -111,7 +111,7 @@ class Mixture(Structure):
     number, runs = MIXTURE, (tick.mixture_reset, tick.mixture_tick)
     unproved = "one of the models in its mean is not proved stable"
 
-    members: tuple[Member, ...]
+    members: tuple[WeightedModel, ...]
 
     @property
     def max_lag(self) -> int:
@@ -162,7 +162,7 @@ class Mixture(Structure):
         node = root.at("mixture")
         node.require_only_keys("members")
         items = node.items("members", MIN_MEMBERS, tick.MAX_MEMBERS)
-        members = tuple(Member.from_json(item, inputs) for item in items)
+        members = tuple(WeightedModel.from_json(item, inputs) for item in items)
         total = fsum(member.weight for member in members)
         if abs(total - 1.0) > ROUNDING:
             raise ModelError(f"{node.where}: the weights of the members sum to {total:.12g}; expected 1")

@@ -51,7 +51,7 @@ def test_inputs_are_seen_over_15_ms_and_at_four_ticks_at_least(rate_Hz, ticks):
 @pytest.mark.slow
 def test_a_fit_follows_a_planted_model_and_forgets_in_time():
     series, fresh = (prepare(planted(NETWORK, seed), NETWORK.sampling) for seed in (1, 2))
-    options = IdentifyOptions(limits=Limits(starts=3, threads=2), forget_s=2.0)
+    options = IdentifyOptions(limits=Limits(starts=3, threads=2), forget=2.0)
     fitted = fit_experts(4, [series], NETWORK.sampling, options, lambda result: None)
     assert isinstance(fitted.model.body, Mixture) and len(fitted.model.body.members) == 3
     assert fitted.results[0].cost < 5.0
