@@ -25,10 +25,7 @@ from ces_observer.tick.structure import MIXTURE
 MIN_MEMBERS = 2
 MIN_WEIGHT = 1e-6
 ROUNDING = 1e-9  # of the sum of the weights
-CLAIM = (
-    "a convex combination of models, each of them proved: |F| <= force_bound_N, the weighted sum of their bounds, "
-    "and what each of them forgets is forgotten"
-)
+CLAIM = "a convex combination of models, each proved stable; |F| <= force_bound_N, the weighted sum of their bounds"
 METHOD = "weights above 0 that sum to 1; for the members"
 
 
@@ -121,7 +118,13 @@ class Mixture(Structure):
     @property
     def size(self) -> str:
         """The size, in words."""
-        sizes = (f"{member.weight:.2f} {member.body.option} ({member.body.size})" for member in self.members)
+        alike: dict[tuple[str, str], list[float]] = {}
+        for one in self.members:
+            alike.setdefault((one.body.option, one.body.size), []).append(one.weight)
+        sizes = [
+            f"{fsum(weights):.2f} {option} ({f'{len(weights)} times ' if len(weights) > 1 else ''}{size})"
+            for (option, size), weights in alike.items()
+        ]
         return f"mean of {len(self.members)} models: {', '.join(sizes)}"
 
     @property
