@@ -67,7 +67,8 @@ def as_parameter(option: Option) -> Option:
     unset, word = ("", "empty") if kind is str else (kind(0), "0")
     least = "" if kind is str or option.low <= 0 else f", at least {option.low:g}"
     meaning = f"{option.described}{least}; {word}: {option.none or 'none'}"
-    return replace(option, kind=kind, default=unset, meaning=meaning, unit="", low=min(option.low, 0))
+    choices = (unset, *option.choices) if option.choices else ()
+    return replace(option, kind=kind, default=unset, choices=choices, meaning=meaning, unit="", low=min(option.low, 0))
 
 
 def command_words(options: Iterable[Option], values: Mapping[str, Any]) -> list[str]:

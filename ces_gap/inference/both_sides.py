@@ -34,7 +34,7 @@ WEIGHTS = 0.3, 1.0, 1.0  # of stroke, speed and current in a distance: a gas spr
 MOMENTS, NEIGHBOURS, APART_S, NEAR = 4000, 60, 0.15, 0.1  # compared moments; NEAR is a distance
 MAX_STATIC = 0.03  # of the force's standard deviation
 STRENGTH = 0.03  # of the pulls towards usual values
-STEPS = 5  # of a refit
+STEPS, END_STEPS = 5, 40  # of a refit, and of those between which the answer is chosen
 ABSENT = 5.0  # by which the logarithm of a number is lowered where there is nothing of the kind
 MAX_REST = 0.1  # of the gap's energy: where an effect leaves less, it is enough; a network must leave less
 MIN_PART_SHARE = 0.015  # of the gap's energy: what a part must explain beside the others, on blocks left out
@@ -115,22 +115,49 @@ class _Network:
 
         Parts of other `kinds` are not there.
         """
-        gone: list[type[NetworkPart]] = [part for part in PARTS if part not in kinds]
-        theta = self._without(theta, gone)
+        absent: list[type[NetworkPart]] = [part for part in PARTS if part not in kinds]
+        theta = whole = self._without(theta, absent)
+        gone = list(absent)
         with ThreadPoolExecutor(max(1, threads)) as pool:
-            costs = list(pool.map(lambda part: self._cost(self._without(theta, (*gone, part))), kinds))
+            costs = list(pool.map(lambda part: self._cost(self._without(theta, (*absent, part))), kinds))
         weakest_first = [kinds[k] for k in np.argsort(costs)]
         for part in weakest_first:
             fewer = self._without(theta, (*gone, part))
             if self._cost(fewer) ** 2 - self._cost(theta) ** 2 < MIN_PART_SHARE * self.gap:
                 gone, theta = [*gone, part], fewer
-        return [part for part in reversed(weakest_first) if part not in gone], theta
+        kept = [part for part in reversed(weakest_first) if part not in gone]
+        for place in range(len(kept)):
+            kept, theta = self._exchange(kept, place, kinds, whole, theta)
+        return kept, theta
+
+    def _exchange(
+        self, kept: list[type[NetworkPart]], place: int, kinds: Sequence[type[NetworkPart]], whole: F, theta: F
+    ) -> tuple[list[type[NetworkPart]], F]:
+        """Return the parts with that at `place` replaced by one that was taken out, where this explains more.
+
+        Of two springs in series with the motion either can go first while the other is there; alone they differ.
+        """
+        missing = [part for part in kinds if part not in kept]
+        ways = [kept, *([*kept[:place], part, *kept[place + 1 :]] for part in missing)]
+        starts = [theta, *(self._without(whole, self._others(way)) for way in ways[1:])]
+        enough = self._cost(theta) ** 2 + MIN_PART_SHARE * self.gap
+        close = [k for k, start in enumerate(starts) if self._cost(start) ** 2 < enough]
+        if close == [0]:
+            return kept, theta
+        ends = [
+            _descend(self.models, starts[k], END_STEPS, ~_places(self.models, self._others(ways[k]))) for k in close
+        ]
+        best = int(np.argmin([self._cost(end) for end in ends]))
+        return ways[close[best]], ends[best]
+
+    def _others(self, parts: Sequence[type[NetworkPart]]) -> list[type[NetworkPart]]:
+        return [part for part in PARTS if part not in parts]
 
     def _cost(self, theta: F) -> float:
         return self.models.cost(theta, self.models.training.selection)
 
-    def _without(self, theta: F, parts: Sequence[type[NetworkPart]]) -> F:
-        return _descend(self.models, _take_out(self.models, theta, parts), STEPS, ~_places(self.models, parts))
+    def _without(self, theta: F, parts: Sequence[type[NetworkPart]], steps: int = STEPS) -> F:
+        return _descend(self.models, _take_out(self.models, theta, parts), steps, ~_places(self.models, parts))
 
 
 def _take_out(models: HydraulicModels, theta: F, parts: Sequence[type[NetworkPart]]) -> F:
