@@ -187,7 +187,8 @@ def _identify_at(
         raise RecordingError(f"{', '.join(s.name for s in whole)}: {text}: record longer (are the times in s?)")
     fitted = fitter(identified, sampling, options, listener)
     require_shown_cost(fitted, identified, options)
-    band = fit_band(fitted.model, identified, fitted.refit, fitted.leave_out_recordings) if options.band else None
+    how = fitted.refit, fitted.leave_out_recordings, options.limits.threads
+    band = fit_band(fitted.model, identified, *how) if options.band else None
     model = replace(with_forgetting(fitted.model, identified, options.forget), band=band)
     rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
     held_out = [series for series in rest if series.scored.sum() >= MIN_SCORED_TICKS]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -53,9 +53,9 @@ class PhysicalSearch:
 
     limits: Limits
     listener: Listener
-    stop: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
+        self.stop = self.limits.stop or threading.Event()
         self._deadline = search_clock.now() + self.limits.time
         self._lock = threading.Lock()
         self._best = np.inf

@@ -38,7 +38,7 @@ class Limits:
 
     `method` chooses terms by Gauss-Newton gain, or as the thesis does (ces_identify.polynomial.selection). Without
     `exchanges`, a full model keeps its weak terms; without `terms`, `term_limit` says how many there may be. A search
-    that half-way costs more than `hopeless` [%] may end there.
+    that half-way costs more than `hopeless` [%] may end there. Searches side by side share an event to `stop`.
     """
 
     terms: int | None = None
@@ -51,6 +51,7 @@ class Limits:
     exchanges: bool = True
     work: float = 1.0
     hopeless: float = inf
+    stop: threading.Event | None = None
 
     def within(self, end_s: float, share: float = 1.0) -> Limits:
         """Return the limits with a share of the time until `end_s` of search_clock."""
@@ -104,7 +105,7 @@ def run_starts(limits: Limits, run: Callable[[int, float, threading.Event], Sear
     Ctrl-C sets `stop`; the best so far are returned, or KeyboardInterrupt is raised if there is none. If the time ended
     one, all of them say so: more time might have made it the best.
     """
-    stop = threading.Event()
+    stop = limits.stop or threading.Event()
     deadline = search_clock.now() + limits.time
     with _stop_on_interrupt(stop), ThreadPoolExecutor(max(1, limits.threads)) as pool:
         seeds = range(limits.seed, limits.seed + limits.starts)

@@ -7,7 +7,9 @@ without physics inside is compared with those with it. Both leave the comparison
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
@@ -46,9 +48,12 @@ class BestStructure:
         run = _Fits(self.sizes, series, sampling, options, listener)
         scored_s = sum(float(one.scored.sum()) / one.rate_Hz for one in series)
         usual = [name for name, kit in KITS.items() if kit.auto_work > 0.0 and kit.auto_s <= scored_s]
-        names = self.names or usual
-        for k, name in enumerate(names):
-            run.fit(name, KITS[name].auto_work or 1.0, 1.0 / (len(names) - k))
+        work = {name: KITS[name].auto_work or 1.0 for name in self.names or usual}
+        whole = [name for name in work if work[name] >= 1.0]
+        run.fit_side_by_side(whole, len(whole) / len(work))
+        rest = [name for name in work if name not in whole]
+        for k, name in enumerate(rest):
+            run.fit(name, work[name], 1.0 / (len(rest) - k))
         for name in [name for name in run.alike() if 0.0 < KITS[name].auto_work < 1.0]:
             run.fit(name, 1.0, 1.0)
         if not run.found:
@@ -70,6 +75,21 @@ class _Fits:
         self.end_s = search_clock.now() + self.options.limits.time
         self.found: dict[str, Fitted] = {}
         self._is_over = False
+        self._stop = threading.Event()
+
+    def fit_side_by_side(self, names: Sequence[str], share: float) -> None:
+        """Fit structures at the same time, the first in this thread, which Ctrl-C reaches."""
+        with ThreadPoolExecutor(max(1, len(names))) as pool:
+            others = [pool.submit(self.fit, name, 1.0, share) for name in names[1:]]
+            try:
+                for name in names[:1]:
+                    self.fit(name, 1.0, share)
+                for other in others:
+                    other.result()
+            except KeyboardInterrupt:
+                self._interrupt()
+        if self._is_over and not self.found:
+            raise KeyboardInterrupt
 
     def fit(self, name: str, work: float, share: float) -> None:
         """Fit a structure with a share of the default work, and of the time that is left; keep a model that forgets."""
@@ -77,21 +97,26 @@ class _Fits:
             return
         limits = self.options.limits
         best = min((fitted.results[0].cost for fitted in self.found.values()), default=inf)
-        own = replace(limits.within(self.end_s, share), work=limits.work * work, hopeless=HOPELESS * best)
+        mine = limits.within(self.end_s, share)
+        hopeless = HOPELESS * best if work < 1.0 else inf
+        own = replace(mine, work=limits.work * work, hopeless=hopeless, stop=self._stop)
         try:
             how = replace(self.options, limits=own)
             fitted = KITS[name].fitter(self.sizes)(self.series, self.sampling, how, self.listener)
         except CesError:
             return
         except KeyboardInterrupt:
-            if not self.found:
-                raise
-            self._is_over = True
+            self._interrupt()
             return
-        self._is_over = fitted.results[0].ended == INTERRUPTED
+        if fitted.results[0].ended == INTERRUPTED:
+            self._interrupt()
         cost = self.found[name].results[0].cost if name in self.found else inf
         if fitted.results[0].cost < cost and find_forgetting(fitted.model, self.series, how.forget, run_batch).suffices:
             self.found[name] = fitted
+
+    def _interrupt(self) -> None:
+        self._stop.set()
+        self._is_over = True
 
     def alike(self) -> list[str]:
         """Return the structures whose cost is at most ALIKE times the least, best first."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import nnls
@@ -50,7 +52,11 @@ class _Errors:
 
 
 def fit_band(
-    model: Model, series: Sequence[Series], refit: Refit | None = None, leave_out_recordings: bool = True
+    model: Model,
+    series: Sequence[Series],
+    refit: Refit | None = None,
+    leave_out_recordings: bool = True,
+    threads: int = 1,
 ) -> Band | None:
     """Return the band of `model`, which was identified on `series`; None if these hold too little.
 
@@ -64,8 +70,10 @@ def fit_band(
     band = _describe_state(series, scored, share)
     ways: list[_Errors] = []
     if refit is not None:
+        errors_without = partial(_errors_without, refit, series, band)
         for parts in _ways_to_hold_out(series, leave_out_recordings):
-            found = [_errors_without(refit, series, band, out) for out in parts]
+            with ThreadPoolExecutor(max(1, threads)) as pool:
+                found = list(pool.map(errors_without, parts))
             ways.append(_join([errors for errors in found if errors is not None]))
     ways = [errors for errors in ways if len(errors.size) >= MIN_TICKS]
     ways = ways or [_errors_on(model, series, scored, band, band)]
