@@ -10,11 +10,13 @@ from pathlib import Path
 from bench.gaps import effects as read
 from bench.gaps.effects import CHANGES, Change, read_play, read_valve_delay
 from bench.gaps.simulations import BandBrake, Bingham, CurrentMap, SpeedPolynomial, StaticMap
+from bench.measured.cases import dissipative
 from ces_data.reading import read_log
 from ces_data.recording import Recording
 from ces_identify.identification import identify
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
+from ces_identify.structures.auto import default_sizes, select_fitter
 from ces_identify.structures.kit import IdentifyOptions
 
 SEARCH = Limits(terms=25, time=300.0, starts=4, threads=1)  # stops earlier, without candidates left
@@ -240,3 +242,32 @@ def _map_case(data: Data, kind: str, name: str, logs: Sequence[str]) -> RealCase
         prepare,
         lambda: f"loop: {read.read_loop_stiffness(data.utfsm(logs[-1])):.1e} N/m at 1 A",
     )
+
+
+PRESSURES = {  # folder, stems at one gas pressure and at another, what differs, and the names that are right
+    "gas": ("racing_dyno", "t1_1_1_18_18_s5_n10_150psi", "t1_2_2_18_18_s5_n10_50psi", "other valves, 50 psi of gas", ()),
+    "seal": ("pneumatic_friction", "1_O-ring257_1bar", "1_O-ring257_5bar", "5 bar", ("friction", *OFFSET)),
+}
+
+
+def pressure_cases(data: Data) -> list[RealCase]:
+    """Return hydraulic models of a damper and of a cylinder at one pressure, with recordings at another.
+
+    The racing damper has other settings of its valves, too: a recalibration is right.
+    """
+    return [_pressure_case(data, name, *how) for name, how in PRESSURES.items()]
+
+
+def _pressure_case(
+    data: Data, name: str, folder: str, fitted: str, other: str, words: str, causes: tuple[str, ...]
+) -> RealCase:
+    first, second = (dissipative(_read(data.logs / folder / f"{stem}.csv")) for stem in (fitted, other))
+
+    def prepare() -> tuple[Simulation, Sequence[Recording]]:
+        fitter = select_fitter("hydraulic", default_sizes())
+        return ModelSimulation(identify([first], options=IDENTIFY, fitter=fitter).model), [second]
+
+    def measure() -> str:
+        return f"offset {read.read_offset(second) - read.read_offset(first):.0f} N"
+
+    return RealCase(f"pressure_{name}", (other,), f"{folder}: model of {fitted}", words, causes, prepare, measure)

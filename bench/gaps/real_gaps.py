@@ -2,7 +2,7 @@
 
     python -m bench.gaps.real_gaps DATA [--only CASE ...] [--threads N]
 
-DATA holds brfd_backlash/*.json, utfsm_mr/*.csv and dyke_mr/ranran_50.csv. The simulations lack something known of the
+DATA holds the folders of the rigs. The simulations lack something known of the
 real machine (`real_cases.py`); all options of the diagnosis are the defaults. A
 diagnosis takes a second to half a minute of CPU; each row is printed when it is ready.
 """
@@ -15,7 +15,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import bench.blas_one_thread  # noqa: F401 - before NumPy
-from bench.gaps.real_cases import Data, RealCase, brake_cases, dyke_cases, friction_cases, map_cases
+from bench.gaps.real_cases import (
+    Data,
+    RealCase,
+    brake_cases,
+    dyke_cases,
+    friction_cases,
+    map_cases,
+    pressure_cases,
+)
 from bench.measurement import print_note
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis, Estimate
 from ces_gap.inference.verdict import CALIBRATION, TIMING
@@ -28,7 +36,8 @@ RIGHT, PARTLY, DOUBT, NOTHING, WRONG = "right", "partly", "in doubt", "none", "*
 
 def all_cases(data: Data) -> dict[str, RealCase]:
     """Return all cases by name, in the order of the table."""
-    return {c.name: c for c in (*brake_cases(data), *friction_cases(data), *map_cases(data), *dyke_cases(data))}
+    kinds = brake_cases, friction_cases, map_cases, dyke_cases, pressure_cases
+    return {case.name: case for cases in kinds for case in cases(data)}
 
 
 def diagnose_case(case: RealCase, threads: int = 1) -> Diagnosis:

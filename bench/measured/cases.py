@@ -43,11 +43,15 @@ def data_folder() -> Path:
 def read_measured(rig: str, name: str) -> Recording:
     """Return the recording in a file of a rig's folder, by the mapping that is named for the rig."""
     mapping = load_dyno_mapping(ROOT / "config" / "import" / f"{rig}.yaml")
-    recording = import_log(data_folder() / rig / name, mapping)
+    return dissipative(import_log(data_folder() / rig / name, mapping))
+
+
+def dissipative(recording: Recording) -> Recording:
+    """Return the recording with the sign of the force with which the damper takes energy."""
     position, force = recording.channel("position"), recording.channel("force")
-    work = np.trapezoid(force.values - force.values.mean(), position.values)  # that the damper takes
-    dissipative = replace(force, values=np.sign(work) * force.values)
-    return replace(recording, channels={**recording.channels, "force": dissipative})
+    work = np.trapezoid(force.values - force.values.mean(), position.values)
+    turned = replace(force, values=np.sign(work) * force.values)
+    return replace(recording, channels={**recording.channels, "force": turned})
 
 
 def split_each(recordings: Sequence[Recording], share: float = SHARE) -> MeasuredCase:
