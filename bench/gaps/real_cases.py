@@ -245,7 +245,13 @@ def _map_case(data: Data, kind: str, name: str, logs: Sequence[str]) -> RealCase
 
 
 PRESSURES = {  # folder, stems at one gas pressure and at another, what differs, and the names that are right
-    "gas": ("racing_dyno", "t1_1_1_18_18_s5_n10_150psi", "t1_2_2_18_18_s5_n10_50psi", "other valves, 50 psi of gas", ()),
+    "gas": (
+        "racing_dyno",
+        "t1_1_1_18_18_s5_n10_150psi",
+        "t1_2_2_18_18_s5_n10_50psi",
+        "other valves, 50 psi of gas",
+        (),
+    ),
     "seal": ("pneumatic_friction", "1_O-ring257_1bar", "1_O-ring257_5bar", "5 bar", ("friction", *OFFSET)),
 }
 
@@ -261,13 +267,15 @@ def pressure_cases(data: Data) -> list[RealCase]:
 def _pressure_case(
     data: Data, name: str, folder: str, fitted: str, other: str, words: str, causes: tuple[str, ...]
 ) -> RealCase:
-    first, second = (dissipative(_read(data.logs / folder / f"{stem}.csv")) for stem in (fitted, other))
+    def recording(stem: str) -> Recording:
+        return dissipative(_read(data.logs / folder / f"{stem}.csv"))
 
     def prepare() -> tuple[Simulation, Sequence[Recording]]:
         fitter = select_fitter("hydraulic", default_sizes())
-        return ModelSimulation(identify([first], options=IDENTIFY, fitter=fitter).model), [second]
+        model = identify([recording(fitted)], options=IDENTIFY, fitter=fitter).model
+        return ModelSimulation(model), [recording(other)]
 
     def measure() -> str:
-        return f"offset {read.read_offset(second) - read.read_offset(first):.0f} N"
+        return f"offset {read.read_offset(recording(other)) - read.read_offset(recording(fitted)):.0f} N"
 
     return RealCase(f"pressure_{name}", (other,), f"{folder}: model of {fitted}", words, causes, prepare, measure)

@@ -69,7 +69,7 @@ def test_the_friction_of_a_real_damper_is_named_without_references(cases):
 def test_every_measured_recording_is_in_the_table(cases):
     folders = ("brfd_backlash", "utfsm_mr", "dyke_mr")
     logs = {p.stem for folder in folders for p in (DATA / folder).iterdir() if p.suffix in (".csv", ".json")}
-    assert {log for case in cases.values() for log in case.logs} == logs
+    assert logs <= {log for case in cases.values() for log in case.logs}
 
 
 @pytest.mark.parametrize(
