@@ -66,10 +66,10 @@ def _identify(words: list[str], send: Send) -> dict[str, Any]:
         "rate [Hz]": f"{model.sampling.rate_Hz:g}",
         "best seed": str(best.seed),
         "search ended": best.ended,
-        "proved stable": "yes" if all(one.certificate for one in model.each) else "no",
+        "proved stable": "yes" if model.certificate else "no",
     }
     costs = [
-        {"recording": e.label, "role": e.role, "J [%]": f"{e.cost:.4f}", "rms [N]": f"{e.rms_N:.2f}"}
+        {"recording": e.name, "role": e.role, "J [%]": f"{e.cost:.4f}", "rms [N]": f"{e.rms_N:.2f}"}
         for e in result.evaluations
     ]
     return {"text": model.to_json(), "facts": facts, "costs": costs}

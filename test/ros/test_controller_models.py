@@ -124,11 +124,11 @@ def test_what_cannot_be_used_is_refused_with_the_reason(loop: Loop, tmp_path: Pa
     one_way, unstable, late = (tmp_path / f"{name}.json" for name in ("one_way", "unstable", "late"))
     replace(damper_with_past(0.8), envelope=replace(damper_with_past(0.8).envelope, speed_m_s=(0.0, 2.0))).save(one_way)
     damper_with_past(1.01).save(unstable)
-    delayed_damper(0.003, alone=True).save(late)
+    delayed_damper(0.003).save(late)
     for path, reason in (
         (one_way, "a controller needs both directions"),
         (unstable, "not proved to be a contraction"),
-        (late, "forces come 0.003 s late; a controller needs --delay 0 0.003"),
+        (late, "forces come 0.003 s late; a controller needs a model with --delay 0"),
     ):
         assert loop.set_model(path) == ""  # for all that can be seen at once
         loop.hears("last change of the model", reason)
