@@ -1,7 +1,7 @@
-"""The node `identify`: runs `ces identify`, publishes progress and costs, and latches the model for running observers.
+"""The node `identify`: runs `ces identify`, and publishes its progress and the costs of the model that it has written.
 
 The search runs in a separate process; a timer polls its messages. The first Ctrl-C or SIGTERM stops the search, writes
-and publishes the best model so far and ends the node; a second one ends the node at once.
+the best model so far and ends the node; a second one ends the node at once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from std_msgs.msg import String
 
 from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
 from ces_cli.identify.process import DONE, EXIT_STATUS, SEARCHING, WARNING, WRITING, IdentifyProcess, SearchState
@@ -61,7 +60,6 @@ class IdentifyNode(TableNode):
         self._stop, self._handled_stops = stop, 0
         self._progress = self.create_publisher(DiagnosticArray, "~/progress", LATCHED)
         self._result = self.create_publisher(DiagnosticArray, "~/result", LATCHED)
-        self._model = self.create_publisher(String, "~/model", LATCHED)
         self._state = SearchState()
         self._published_s = self._logged_s = float("-inf")
         self.create_timer(POLL_S, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -71,7 +69,7 @@ class IdentifyNode(TableNode):
         """End the search if it is running, and wait until subscribers have the last messages."""
         if self._process is not None:
             self._process.end()
-        self._model.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
+        self._result.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
 
     def _poll(self) -> None:
         """Handle the user's requests to stop and the messages of the search; one that cannot be used stops no other."""
@@ -130,8 +128,7 @@ class IdentifyNode(TableNode):
             self.get_logger().info(f"{cost['recording']}: {line}")
         message.header.stamp = self.get_clock().now().to_msg()
         self._result.publish(message)
-        self._model.publish(String(data=result["text"]))
-        self.get_logger().info(f"model: {result['facts']['model']}, latched on {self._model.topic_name}")
+        self.get_logger().info(f"model: {result['facts']['model']}")
         self._state.update({"stage": DONE})
 
     def _handle_exit(self, status: int) -> None:
@@ -159,7 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
     try:
-        # rclpy's own handlers would shut the context down before the best model so far could be published.
+        # rclpy's own handlers would shut the context down before the costs of the best model so far could be published.
         rclpy.init(args=None if argv is None else list(argv), signal_handler_options=SignalHandlerOptions.NO)
         return _run(stop)
     except START_ERRORS as error:

@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _identify(words: list[str], send: Send) -> dict[str, Any]:
-    """Identify, write model and report, and return the message that the node publishes: text, facts and costs."""
+    """Identify, write model and report, and return the message that the node publishes: facts and costs."""
     options = _options(words)
     send({"stage": READING})
     result = prepare_identification(options).run(lambda limits: SearchReporter(limits, send))
@@ -72,7 +72,7 @@ def _identify(words: list[str], send: Send) -> dict[str, Any]:
         {"recording": e.name, "role": e.role, "J [%]": f"{e.cost:.4f}", "rms [N]": f"{e.rms_N:.2f}"}
         for e in result.evaluations
     ]
-    return {"text": model.to_json(), "facts": facts, "costs": costs}
+    return {"facts": facts, "costs": costs}
 
 
 class SearchReporter:

@@ -196,7 +196,7 @@ SPOILT = {
     "is no flat model file": lambda c: b"CES-FLOT" + c[8:],
     "is no flat model file; copy it again": lambda c: b"",
     "has more than 16 MiB": lambda c: c + bytes(1 << 24),
-    "has version 2 of the format; expected 1": lambda c: seal(c[:8] + b"\2" + c[9:]),
+    "has version 1 of the format; expected 2": lambda c: seal(c[:8] + b"\1" + c[9:]),
     "its checksum is wrong": lambda c: c[:-9] + bytes([c[-9] ^ 1]) + c[-8:],
     "its text is longer than the file": lambda c: seal(c[:12] + b"\xff\xff\xff\x7f" + c[16:]),
     "has no 'core'": lambda c: edit(c, b"core=", b"cork="),
@@ -207,7 +207,7 @@ SPOILT = {
     "sampling is longer than the file": lambda c: put(c, arrays_of(c)[0] - 32, (2**20).to_bytes(8, "little")),
     "sampling: number 3 is nan": lambda c: put(c, arrays_of(c)[0] + 24, np.float64(nan).tobytes()),
     "bytes too many": lambda c: seal(c[:-4] + bytes(12)),
-    "late is missing": lambda c: seal(c[:-52] + bytes(4)),
+    "structure is missing": lambda c: seal(c[: arrays_of(c)[1] + 8 * arrays_of(c)[2]] + bytes(4)),
 }
 
 

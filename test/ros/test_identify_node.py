@@ -13,7 +13,6 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_process import ROOT, NodeProcess
 from party import Party
-from std_msgs.msg import String
 from vehicle import Vehicle, wait
 
 from ces_observer.model import load_model
@@ -30,15 +29,9 @@ class Listener(Party):
         super().__init__("listener", namespace)
         self.progress: list[DiagnosticStatus] = []
         self.results: list[DiagnosticArray] = []
-        self.models: list[str] = []
         hear = self.node.create_subscription
         hear(DiagnosticArray, "identify/progress", lambda message: self.progress.extend(message.status), 10)
         hear(DiagnosticArray, "identify/result", self.results.append, LATCHED)
-        self.hear_model(self.models)
-
-    def hear_model(self, models: list[str]) -> None:
-        """Subscribe to the model as an observer does."""
-        self.node.create_subscription(String, "identify/model", lambda m: models.append(m.data), LATCHED)
 
     def hears(self, line: str) -> None:
         """Wait for progress whose line holds `line`."""
@@ -72,22 +65,18 @@ def values(status: DiagnosticStatus) -> dict[str, str]:
 def test_a_model_is_identified_told_and_taken_over_by_a_running_observer(
     listener: Listener, begin: Begin, vehicle: Vehicle, start: Begin, namespace: str, tmp_path: Path
 ) -> None:
-    start(model_topic="identify/model")
+    start()
     vehicle.meets_node()
     node = begin(time=60.0, starts=1, report=tmp_path / "report.html", termz=3)
-    wait(lambda: bool(listener.models), "the model")
+    wait(lambda: bool(listener.results), "the costs")
     listener.hears("done")
-    assert listener.models == [(tmp_path / "model.json").read_text()]
-    later: list[str] = []
-    listener.hear_model(later)
-    wait(lambda: bool(later), "the model for a later subscription")
-    assert later == listener.models
     stages = dict.fromkeys(values(status)["stage"] for status in listener.progress)
     assert [stage for stage in stages if stage != "starting"] == ["reading", "searching", "writing", "done"]
     assert 0.0 < float(values(listener.progress[-1])["J [%]"]) < 100.0
     about, *costs = listener.results[0].status
     sha256 = load_model(tmp_path / "model.json").digest()
     assert values(about)["model sha256"] == sha256
+    assert vehicle.sets("model", values(about)["model"]).successful
 
     def taken_over() -> bool:
         vehicle.drive(0.2)
@@ -113,8 +102,9 @@ def test_ctrl_c_ends_the_search_with_the_best_model_so_far(listener: Listener, b
     status, output = node.ended()
     assert status == 0, output
     assert "Traceback" not in output
-    wait(lambda: bool(listener.models), "the model")
-    assert listener.models == [(tmp_path / "model.json").read_text()]
+    wait(lambda: bool(listener.results), "the costs")
+    sha256 = load_model(tmp_path / "model.json").digest()
+    assert values(listener.results[0].status[0])["model sha256"] == sha256
 
 
 def test_sigterm_before_there_is_a_model_leaves_none(listener: Listener, begin: Begin, tmp_path: Path) -> None:

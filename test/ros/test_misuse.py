@@ -42,14 +42,14 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
     programs = {
         "observer": (
             "ces_observer.nodes.observer",
-            {"model": model, "max_age_s": 0.0, "model_topic": "models", "snapshot_service": "''"}
+            {"model": model, "max_age_s": 0.0, "snapshot_service": "''"}
             | {"executor": executor}
             | STAMPED_CURRENT
             | lossless,
         ),
         "controller": (
             "ces_observer.nodes.controller",
-            {"model": model, "model_topic": "models", "executor": executor, "feedback": "measured"},
+            {"model": model, "executor": executor, "feedback": "measured"},
         ),
         "rig": ("ces_rig.live.node", {"executor": executor}),
         "identify": ("ces_cli.identify.node", {**QUICK, "out": folder / "out.json"}),
@@ -77,7 +77,7 @@ def test_no_misuse_ends_a_node_or_changes_an_estimate(
         current = vehicle.repeating(0.01, lambda: vehicle.publish_current(vehicle.driven[-1], CURRENT_A))
         with vehicle.driving(current=None, contiguous=True), current:
             wait(lambda: len(vehicle.estimates) > 100, "the first estimates")
-            for done in misuser.attack_all(damper().to_json()):
+            for done in misuser.attack_all():
                 dead = {name: node.ended() for name, node in nodes.items() if not node.is_running()}
                 assert not dead, done
                 before = len(vehicle.estimates)
