@@ -1,7 +1,7 @@
 """Time per step of the exported C estimator, called in a C loop, and of the Python estimator on the same samples.
 
 Usage: python bench/bench_export.py. Needs a C compiler (`cc`, or what CC names). A step is the bank of the speed, the
-tracker and a tick of the model, and with a delay also the smoothing and a tick of the delayed model. Ticks alone are
+tracker and a tick of the model, and with a delay also the smoothing. Ticks alone are
 also timed on inputs that jump between the ends of their ranges: structures that solve an equation at each tick then
 need most steps.
 """
@@ -135,7 +135,7 @@ def print_ticks(model: Model, library: ctypes.CDLL) -> None:
 
 
 def make_models() -> dict[str, Model]:
-    """Return models without a delay, with one, and the first also with both in one file."""
+    """Return models without a delay, and the first also with one."""
     terms, envelope = ten_terms(), Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
     sampling = Sampling(1000.0, 1e-5, 0.35, (-0.1, 0.1), 0.01)
     polynomial = Model(sampling, Polynomial(terms), envelope, (-1e6, 1e6))
@@ -143,7 +143,7 @@ def make_models() -> dict[str, Model]:
     physical = [load_model(FITTED / f"{name}.json") for name in PHYSICAL]
     return {
         f"polynomial, {len(terms)} terms": polynomial,
-        f"the same and another {DELAY_S:g} s late": replace(polynomial, delayed=late),
+        f"the same {DELAY_S:g} s late": late,
         **{f"{one.structure}, {one.size}": one for one in physical},
     }
 

@@ -16,13 +16,12 @@ from ces_cli.terminal.simulations import find_file, open_simulation, with_predic
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.comparison import comparison_report
-from ces_identify.comparison.compared_models import ComparedModel, make_compared_models, name_sources
+from ces_identify.comparison.compared_models import ComparedModel, make_compared_model, name_sources
 from ces_identify.comparison.comparison import Comparison, compare, cost_table, headline
 from ces_identify.simulations.fmu import SPEC
-from ces_identify.simulations.simulation import ModelSimulation, Simulation, find_predictions
+from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_identify.validation.cost_table import NONE
 from ces_observer.errors import CesError
-from ces_observer.model import load_model
 from ces_observer.signals import Signals
 from ces_report.table import Table
 from ces_report.typesetting import join_with
@@ -107,13 +106,11 @@ def sentences(comparison: Comparison) -> Iterator[str]:
 
 
 def open_models(simulations: Sequence[str]) -> list[ComparedModel]:
-    """Return the simulations by name; a file with two models gives both."""
-    models = []
-    for name, spec in zip(name_sources(simulations), simulations, strict=True):
-        simulation = open_simulation(spec)
-        found = load_model(spec) if isinstance(simulation, ModelSimulation) else simulation
-        models += make_compared_models(name, found, spec)
-    return models
+    """Return the simulations by name."""
+    names = name_sources(simulations)
+    return [
+        make_compared_model(name, open_simulation(spec), spec) for name, spec in zip(names, simulations, strict=True)
+    ]
 
 
 def read_predictions(model: ComparedModel, recordings: Mapping[Path, Recording], signals: Signals) -> ComparedModel:

@@ -23,16 +23,16 @@ from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs
 from ces_data.recording import Channel, Recording
 from ces_data.signals_file import load_signals
 from ces_identify import identification
-from ces_identify.comparison.compared_models import make_compared_models
+from ces_identify.comparison.compared_models import make_compared_model
 from ces_identify.comparison.comparison import Comparison, compare
 from ces_identify.identification import IdentificationResult
-from ces_identify.options import as_delays, list_options
+from ces_identify.options import list_options
 from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.search_limits import Limits, Listener
 from ces_identify.prepare.cost import parse_weighting
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import sample_force
-from ces_identify.simulations.simulation import Simulation
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, BestStructure, default_sizes
 from ces_identify.structures.kit import Fitter, IdentifyOptions, Size
@@ -106,15 +106,15 @@ def identify(
 def validate(
     model: ModelInput, recordings: RecordingInputs = (), *, signals: PathInput | None = None
 ) -> list[Evaluation]:
-    """Return the free run of each model in a file on each recording with its cost J [%] (`cost`) and RMS (`rms_N`).
+    """Return the free run of a model on each recording with its cost J [%] (`cost`) and RMS (`rms_N`).
 
     Raises CesError for a recording without a measured force.
 
         validate("model.json", ["bags/road", "bags/noise"])
     """
-    models = _as_model(model).each
-    given = as_recordings(recordings, signals)
-    return Evaluations(e for one in given for m in models for e in evaluate(m, [prepare(one, m.sampling)], VALIDATION))
+    known = _as_model(model)
+    series = [prepare(one, known.sampling) for one in as_recordings(recordings, signals)]
+    return Evaluations(evaluate(known, series, VALIDATION))
 
 
 def compare_models(
@@ -126,9 +126,8 @@ def compare_models(
 ) -> Comparison:
     """Compare models, or other simulations, by name on the same recordings with a measured force.
 
-    The models of a file are compared, too: `name` is known at once, `name 3 ms later` after its delay. Only the `part`
-    (shares from 0 to 1) of each recording is scored. The result's `pairs`
-    say of every two models whether their costs differ by more than chance, its `notes()` which costs are no test.
+    Only the `part` (shares from 0 to 1) of each recording is scored. The result's `pairs` say of every two models
+    whether their costs differ by more than chance, its `notes()` which costs are no test.
     Raises CesError for fewer than two models.
 
         print(compare_models({"ours": "a.json", "theirs": "b.json"}, "bags/road"))
@@ -136,29 +135,25 @@ def compare_models(
     if not isinstance(models, Mapping):
         raise CesError(f"models: expected models by their names, as in {{'a': 'a.json'}}; got {kind_of(models)}")
     named = [
-        found
+        make_compared_model(name, one if isinstance(one, Simulation) else ModelSimulation(_as_model(one)))
         for name, one in models.items()
-        for found in make_compared_models(name, one if isinstance(one, Simulation) else _as_model(one))
     ]
     return compare(named, as_recordings(recordings, signals), part)
 
 
 def simulate(model: ModelInput, recording: RecordingInput) -> NDArray[np.float64]:
-    """Return the force [N] at every position sample (n,), as the observer would publish it; NaN where it withholds.
-
-    Of the models in a file it is that of the longest delay.
-    """
+    """Return the force [N] at every position sample (n,), as the observer would publish it; NaN where it withholds."""
     known, given = _as_model(model), as_recordings(recording, need=SIGNALS[:2])
     if len(given) > 1:
         raise CesError(f"{len(given)} recordings given; expected one")
-    return sample_force(known.best, given[0])
+    return sample_force(known, given[0])
 
 
 def simulate_arrays(
     model: ModelInput, time_s: ArrayLike, position_m: ArrayLike, current_A: ArrayLike
 ) -> NDArray[np.float64]:
     """Return the force [N] for arrays of shape (n,), as `simulate`."""
-    return sample_force(_as_model(model).best, make_recording(time_s, position_m, current_A))
+    return sample_force(_as_model(model), make_recording(time_s, position_m, current_A))
 
 
 _LIMIT_NAMES = {field.name for field in fields(Limits)}
@@ -174,7 +169,6 @@ def _with_options(options: IdentifyOptions, named: Mapping[str, Any]) -> Identif
     if not isinstance(options, IdentifyOptions):
         raise CesError(f"options: expected IdentifyOptions; got {kind_of(options)}")
     values = {name: value for name, value in named.items() if value is not None}
-    values |= {"delay": as_delays(values["delay"])} if "delay" in values else {}
     for option in list_options():
         if option.name in values and option.name not in _OBJECTS:
             option.check(values[option.name])

@@ -18,7 +18,7 @@ from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.recording import Recording
 from ces_data.samples import without_spikes
 from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchResult
-from ces_identify.prepare.sampling import choose_motion, choose_sampling, require_delay
+from ces_identify.prepare.sampling import choose_motion, choose_sampling
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import run_batch
 from ces_identify.structures.forgetting import find_forgetting
@@ -46,7 +46,7 @@ ALL_TICKS, MAX_TICKS = 600_000, 300_000  # that are used; of more, one minute in
 STRETCHES = "identified_on"  # key of the provenance
 MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
 AGREEMENT, AGREEMENT_J = 1.25, 0.5  # a model's J over the one shown for it, and [%] beside: a last fit changes less
-COSTS, DELAYED_SELECTION = "cost_J_percent", "selection_delayed"  # keys of the provenance
+COSTS = "cost_J_percent"  # key of the provenance
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,7 @@ class IdentificationResult:
     def _describe(self) -> str:
         """Return what the model is in a line."""
         model = self.model
-        proved = all(one.certificate is not None for one in model.each)
-        proof = "proved stable" if proved else "stability not proved"
+        proof = "stability not proved" if model.certificate is None else "proved stable"
         return f"{model.structure}: {describe_size(model)} at {model.sampling.rate_Hz:g} Hz, {proof}; costs J:"
 
     def require_explained(self, found: Sequence[Finding] = (), ignore_findings: bool = False) -> IdentificationResult:
@@ -87,7 +86,7 @@ class IdentificationResult:
 
     def _describe_failure(self) -> str:
         """Return what shows that the model explains nothing; '' if it does, or for an interrupted or weighted fit."""
-        fitted = [e for e in self.evaluations if e.role == IDENTIFICATION and e.delay_s == self.model.sampling.delay_s]
+        fitted = [e for e in self.evaluations if e.role == IDENTIFICATION]
         stopped = any(one.ended == INTERRUPTED for one in self.search_results)
         if stopped or "weights" in self.model.provenance["selection"]:
             return ""
@@ -124,46 +123,18 @@ def identify(
     """Identify a model on the first `options.share` of every recording with the structure's `fitter`.
 
     Validation data are the rest of the recordings and all of the `validation` recordings; neither fit nor selection
-    uses them. With two delays, the result is that of the first with the model of the second as its `delayed`. Raises
-    CesError if the data hold too little, or if recordings have seconds in common.
+    uses them. Raises CesError if the data hold too little, or if recordings have seconds in common.
     """
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
-    delays = sorted(set(require_delays(options.delay)))
     identified = [without_spikes(one.part(0.0, options.share(validation))) for one in recordings]
-    sampling = choose_sampling(identified, options.rate, motion=choose_motion(recordings, options.speed))
-    samplings = [replace(sampling, delay_s=require_delay(one, sampling.rate_Hz)) for one in delays]
-    share = replace(options, limits=replace(options.limits, time=options.limits.time / len(samplings)))
-    result = _identify_at(samplings[0], recordings, validation, share, listener, fitter)
-    if len(samplings) > 1 and all(one.ended != INTERRUPTED for one in result.search_results):
-        result = _join(result, _identify_at(samplings[1], recordings, validation, share, listener, fitter))
-    return result
-
-
-def require_delays(delays: Sequence[float]) -> Sequence[float]:
-    """Return the delays of a model file; raises RecordingError unless it is one, or 0 and another."""
-    if len(delays) not in (1, 2) or (len(delays) == 2 and min(delays) > 0.0):
-        given = " ".join(f"{one:g}" for one in delays)
-        raise RecordingError(f"--delay {given}: expected one delay, or 0 and another")
-    return delays
-
-
-def _join(first: IdentificationResult, other: IdentificationResult) -> IdentificationResult:
-    """Return the first result with the model of the other one, for the same samples with a delay, in its file.
-
-    The evaluations of a recording follow each other.
-    """
-    order = [(e.role, e.name) for e in first.evaluations]
-    evaluations = sorted((*first.evaluations, *other.evaluations), key=lambda e: order.index((e.role, e.name)))
-    more = {COSTS: [_cost_row(e) for e in evaluations], DELAYED_SELECTION: other.model.provenance["selection"]}
-    provenance = {**first.model.provenance, **more}
-    model = replace(first.model, delayed=replace(other.model, provenance={}), provenance=provenance)
-    return replace(first, model=model, evaluations=tuple(evaluations))
+    motion = choose_motion(recordings, options.speed)
+    sampling = choose_sampling(identified, options.rate, options.delay, motion)
+    return _identify_at(sampling, recordings, validation, options, listener, fitter)
 
 
 def _cost_row(e: Evaluation) -> dict[str, Any]:
-    J = round(e.cost, 4) if np.isfinite(e.cost) else None
-    return {"recording": e.name, "role": e.role, "delay_s": e.delay_s, "J": J}
+    return {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
 
 
 def _identify_at(

@@ -7,7 +7,7 @@ meanings from here; the sizes of a structure are declared in its kit.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +102,7 @@ WEIGHT = Option(
     "weight", (), f"give ticks in this region W times the weight in fit and selection: {REGIONS}", metavar="REGION=W"
 )
 RATE = Option("rate", None, "rate of the model", 1.0, 1e5, "Hz", kind=float, none=FROM_DATA, metavar="HZ")
-ONE_DELAY = Option(
+DELAY = Option(
     "delay",
     0.0,
     "how long after a sample its force is estimated, whole ticks up to 0.02 s: the speed is known better then",
@@ -110,13 +110,6 @@ ONE_DELAY = Option(
     MAX_DELAY_S,
     "s",
     metavar="S",
-)
-DELAY = replace(
-    ONE_DELAY,
-    default=(0.0,),
-    meaning=f"{ONE_DELAY.meaning}. Two values, 0 and another, identify two models into one file, in twice the time",
-    min_count=1,
-    together=True,
 )
 TEACHER = Option("teacher", None, "simulation whose force to learn instead of the measured force", metavar="SIM")
 IGNORE_FINDINGS = Option(
@@ -144,15 +137,9 @@ def list_options() -> tuple[Option, ...]:
     )
 
 
-def as_delays(given: Any) -> tuple[float, ...]:
-    """Return the delays [s] of the models in a file; a single one needs no list."""
-    return tuple(given) if isinstance(given, list | tuple) else (given,)
-
-
 def build_identify_options(values: Mapping[str, Any]) -> IdentifyOptions:
     """Return the settings of an identification for values by the names of options; it leaves out other names."""
     given = {name: value for name, value in values.items() if name != TIME.name or value is not None}
     limits = Limits(**{f.name: given[f.name] for f in fields(Limits) if f.name in given})
     own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
-    own |= {"delay": as_delays(own["delay"])} if "delay" in own else {}
     return IdentifyOptions(**{**own, "limits": limits})

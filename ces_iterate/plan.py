@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from ces_data.arrays import F
 from ces_data.config_file import read_yaml_mapping
-from ces_identify.options import ONE_DELAY, STARTS, TERMS, THREADS, TIME, build_identify_options, structure_option
+from ces_identify.options import DELAY, STARTS, TERMS, THREADS, TIME, build_identify_options, structure_option
 from ces_identify.structures.kit import IdentifyOptions
 from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
@@ -126,7 +126,7 @@ class IdentifyPlan:
     starts: int = declare(replace(STARTS, default=4))
     terms: int = declare(replace(TERMS, default=25))
     threads: int = declare(replace(THREADS, default=2))
-    delay: float = declare(ONE_DELAY)
+    delay: float = declare(DELAY)
 
     def options(self, seed: int) -> IdentifyOptions:
         """Return the options of an identification on the whole of all recordings."""

@@ -151,7 +151,7 @@ class DamperObserver:
         self.late = estimator.late
         if self.late:
             self.late = self._usable(self.late)
-        # A model with a delay alone has no force here, but is well if `late` has those of earlier samples.
+        # A model with a delay has no force here, but is well if `late` has those of earlier samples.
         known = force if force is not None or estimator.reason != OK else 0.0
         late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
         # One sum instead of five tests: it is finite only if all terms are.

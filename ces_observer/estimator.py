@@ -4,8 +4,7 @@ It is driven by position samples alone and has no clock, so its forces are the s
 offline. `ces_observer.tick.estimator` computes them; `ces_identify.simulations.simulate.sample_run` is its batch form.
 
 A model with a delay estimates the force of a sample when the speed is known better, so many ticks later. Its estimates
-come out in `late`, each with the stamp of the sample that it belongs to: the first sample of every tick. A model file
-may hold a model without a delay and one with; both share the tracker.
+come out in `late`, each with the stamp of the sample that it belongs to: the first sample of every tick.
 """
 
 from __future__ import annotations
@@ -36,28 +35,22 @@ class LateEstimate(NamedTuple):
 
 
 class EstimatorArrays(NamedTuple):
-    """The arrays of tracker and estimator, of the model without a delay, and of the one with; absent ones are short."""
+    """The arrays of tracker and estimator, and those of the model's structure."""
 
     sampling: Arrays
-    now: Arrays
-    late: Arrays
+    structure: Arrays
 
 
 def lay_out_estimator(model: Model) -> EstimatorArrays:
-    """Return the arrays of a model file's estimator; raises ModelError for numbers that cannot be used."""
-    sampling = model.best.sampling
-    length = sampling.delay_ticks + 1
+    """Return the arrays of a model's estimator; raises ModelError for numbers that cannot be used."""
+    length = model.sampling.delay_ticks + 1
     layout = Layout(P_ESTIMATOR, tick.N_ESTIMATOR_END, tick.S_ESTIMATOR_END, tick.K_ESTIMATOR_END)
-    fill_tracker(layout, sampling)
-    layout.n[tick.HAS_NOW] = model.sampling.delay_ticks == 0
+    fill_tracker(layout, model.sampling)
     layout.n[tick.RING_VALUES] = layout.state(tick.RING_WIDTH * length)
     layout.n[tick.RING_STAMPS] = layout.memory(tick.RING_WIDTH * length)
     layout.n[LATE_VALUES] = layout.state(LATE_WIDTH * length)
     layout.n[LATE_STAMPS] = layout.memory(length)
-    absent = Layout(1, 1, 1, 1).arrays()
-    now = absent if model.sampling.delay_ticks else model.lay_out().arrays()
-    late = model.best.lay_out().arrays() if sampling.delay_ticks else absent
-    return EstimatorArrays(layout.arrays(), now, late)
+    return EstimatorArrays(layout.arrays(), model.lay_out().arrays())
 
 
 class Estimator:
@@ -69,15 +62,14 @@ class Estimator:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        own, now, late = (Arrays(floats(p), ints(n), floats(s), ints(k)) for p, n, s, k in lay_out_estimator(model))
+        own, run = (Arrays(floats(p), ints(n), floats(s), ints(k)) for p, n, s, k in lay_out_estimator(model))
         _, self._n, self._s, self._k = own
-        delay = model.best.sampling.delay_ticks
-        self._has_now, self._has_late = not model.sampling.delay_ticks, delay > 0
-        self._own = now.k if self._has_now else late.k
-        self._half_width = bind(run_half_width, now.p, now.n, now.s)
-        self._step, self._reset = (bind(one, *own, *now, *late) for one in (tick.estimator_step, tick.estimator_reset))
+        self._flags = run.k
+        self._half_width = bind(run_half_width, run.p, run.n, run.s)
+        self._step, self._reset = (bind(one, *own, *run) for one in (tick.estimator_step, tick.estimator_reset))
         self._skip_late = bind(tick.estimator_skip_late, self._n, self._s, self._k)
-        self.delay_ns = round(delay / model.sampling.rate_Hz * 1e9)
+        self.is_late = model.sampling.delay_ticks > 0
+        self.delay_ns = round(model.sampling.delay_ticks / model.sampling.rate_Hz * 1e9)
         self.reset()
 
     def reset(self) -> None:
@@ -87,10 +79,10 @@ class Estimator:
     def step(self, stamp_ns: int, position_m: float, current_A: float, motion: float = 0.0) -> float | None:
         """Return the force [N] at `stamp_ns`, within the model's force envelope, or None with `reason` set.
 
-        `motion` is the signal `model.sampling.motion`, if the model needs one. Bad samples count as missing. With only
-        a delayed model there is no force at once: the reason is "ok" while `late` has those of earlier samples.
+        `motion` is the signal `model.sampling.motion`, if the model needs one. Bad samples count as missing. A model
+        with a delay has no force at once: the reason is "ok" while `late` has those of earlier samples.
         """
-        if self._step(stamp_ns, position_m, current_A, motion) or not self._has_now:
+        if self._step(stamp_ns, position_m, current_A, motion) or self.is_late:
             return None
         force: float = self._s[FORCE]
         return force
@@ -129,23 +121,23 @@ class Estimator:
 
     @property
     def is_warm(self) -> bool:
-        """True if `step` has just given all forces that the model estimates."""
-        return self._k[REASON] == 0 and (not self._has_late or self._k[LATE_COUNT] > 0)
+        """True if `step` has just given a force, at once or of an earlier sample."""
+        return self._k[REASON] == 0 and (not self.is_late or self._k[LATE_COUNT] > 0)
 
     @property
     def clamped(self) -> bool:
         """True if the last inputs lay outside the envelope; they were clamped, unless the structure extrapolates."""
-        return self._own[CLAMPED] != 0
+        return self._flags[CLAMPED] != 0
 
     @property
     def held(self) -> bool:
         """True if the last force lay outside the force envelope and was held at its end."""
-        return self._own[HELD] != 0
+        return self._flags[HELD] != 0
 
     def half_width(self) -> float | None:
         """Return the half-width [N] of the band around the force that `step` has just returned, None without one."""
-        width = self._half_width() if self._has_now else None
-        return width if width is not None and isfinite(width) else None
+        width = self._half_width()
+        return width if isfinite(width) and not self.is_late else None
 
     def skip_late(self, until_ns: int) -> None:
         """Give no estimates in `late` up to this stamp: another estimator has given them."""

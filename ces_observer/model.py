@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +28,8 @@ SCHEMA = "ces-model/1"
 GONE = ("relaxation", "chambers")  # structures of earlier versions
 BAND = "band"  # optional key
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
-DELAYED = "delayed"  # optional key
 SETTLES = "settles_s"  # optional key
-PART_KEYS = ("structure", "input_envelope", "force_envelope_N", "certificate")
+KEYS = ("schema", "units", "sampling", "structure", "input_envelope", "force_envelope_N", "certificate", "provenance")
 MAX_BYTES = 1_000_000
 MOTIONS = (SPEED, ACCELERATION)  # signals that may be measured beside the position
 MAX_DELAY_S = 0.02
@@ -100,9 +99,8 @@ class Model:
     """A force model: force [N] from position [m], speed [m/s] and current [A] at `sampling.rate_Hz`.
 
     `body` is the structure that computes the force; the rest is the same for every structure. `band` says how far the
-    measured force may lie from it, None if that is not known. `delayed` is a model for the same samples with a delay,
-    beside one without: its `sampling` differs in the delay only. `settles_s` [s] is how long the force of
-    a run on its recordings depends on where it began.
+    measured force may lie from it, None if that is not known. `settles_s` [s] is how long the force of a run on its
+    recordings depends on where it began.
     """
 
     sampling: Sampling
@@ -112,25 +110,12 @@ class Model:
     certificate: Mapping[str, Any] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
     band: Band | None = None
-    delayed: Model | None = None
     settles_s: float = 0.0
 
     @property
     def warm_up_s(self) -> float:
         """How long [s] the estimator withholds forces after a restart."""
         return max(self.sampling.warm_up_s, self.settles_s)
-
-    @property
-    def each(self) -> tuple[Model, ...]:
-        """The models of the file, each as if it were alone in it; the one with the longest delay is the last."""
-        if self.delayed is None:
-            return (self,)
-        return replace(self, delayed=None), replace(self.delayed, provenance=self.provenance)
-
-    @property
-    def best(self) -> Model:
-        """The model with the longest delay of the file, for what need not know the force at once."""
-        return self.each[-1]
 
     @property
     def structure(self) -> str:
@@ -174,24 +159,10 @@ class Model:
 
     def to_json(self) -> str:
         """Return the text of the model file."""
-        delayed = (
-            {}
-            if self.delayed is None
-            else {DELAYED: {"delay_s": self.delayed.sampling.delay_s, **self.delayed._part_to_json()}}
-        )
         content = {
             "schema": SCHEMA,
             "units": UNITS,
             "sampling": self.sampling.to_json(),
-            **self._part_to_json(),
-            **delayed,
-            "provenance": self.provenance,
-        }
-        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-    def _part_to_json(self) -> dict[str, Any]:
-        """Return what a model has of its own beside another for the same samples."""
-        return {
             "structure": self.structure,
             **self.body.to_json(),
             "input_envelope": asdict(self.envelope),
@@ -199,7 +170,9 @@ class Model:
             "certificate": self.certificate,
             **({SETTLES: self.settles_s} if self.settles_s else {}),
             **({} if self.band is None else {BAND: self.band.to_json()}),
+            "provenance": self.provenance,
         }
+        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
     def save(self, path: str | Path) -> None:
         """Write the model file, as a whole or not at all; raises CesError."""
@@ -236,44 +209,31 @@ def parse_model(text: str, source: str) -> Model:
         )
     if root.value.get("units", UNITS) != UNITS:
         raise ModelError(f"{source}: units are not those of '{SCHEMA}'; expected {UNITS}")
+    if "delayed" in root.value:
+        raise ModelError(
+            f"{source}: holds a second model in the key 'delayed'; expected one model a file: identify again, once for "
+            "each --delay"
+        )
+    if root.value.get("structure") in GONE:
+        name = root.value["structure"]
+        raise ModelError(f"{source}: structure is {name!r}; 'hydraulic' took its place: identify the model again")
     sampling = _sampling(root.at("sampling"))
-    model = _part(root, sampling, ("schema", "units", "sampling", "provenance", DELAYED))
-    provenance = root.mapping_or_none("provenance") or {}
-    return replace(
-        model,
-        provenance=provenance,
-        delayed=_parse_delayed(root.at(DELAYED), sampling) if DELAYED in root.value else None,
-    )
-
-
-def _part(node: JsonObject, sampling: Sampling, other_keys: tuple[str, ...]) -> Model:
-    """Return the model in an object, which may have other keys, too."""
-    if node.value.get("structure") in GONE:
-        name = node.value["structure"]
-        raise ModelError(f"{node.where}: structure is {name!r}; 'hydraulic' took its place: identify the model again")
-    structure = STRUCTURES[node.choice("structure", tuple(STRUCTURES))]
-    inputs, names = node.at("input_envelope"), [one.name for one in fields(Envelope)]
+    structure = STRUCTURES[root.choice("structure", tuple(STRUCTURES))]
+    inputs, names = root.at("input_envelope"), [one.name for one in fields(Envelope)]
     inputs.require_only_keys(*names)
     envelope = Envelope(*(inputs.range(name, MAX_INPUT) for name in names))
     model = Model(
         sampling=sampling,
-        body=structure.from_json(node, envelope.by_signal),
+        body=structure.from_json(root, envelope.by_signal),
         envelope=envelope,
-        force_envelope_N=node.range("force_envelope_N", MAX_FORCE_N),
-        certificate=node.mapping_or_none("certificate"),
-        band=Band.from_json(node.at(BAND)) if BAND in node.value else None,
-        settles_s=node.number(SETTLES, 0.0, 60.0) if SETTLES in node.value else 0.0,
+        force_envelope_N=root.range("force_envelope_N", MAX_FORCE_N),
+        certificate=root.mapping_or_none("certificate"),
+        provenance=root.mapping_or_none("provenance") or {},
+        band=Band.from_json(root.at(BAND)) if BAND in root.value else None,
+        settles_s=root.number(SETTLES, 0.0, 60.0) if SETTLES in root.value else 0.0,
     )
-    node.require_only_keys(*PART_KEYS, SETTLES, BAND, *structure.keys, *other_keys)
+    root.require_only_keys(*KEYS, SETTLES, BAND, *structure.keys)
     return model
-
-
-def _parse_delayed(node: JsonObject, sampling: Sampling) -> Model:
-    """Return the delayed model beside one without a delay."""
-    delayed = _check_delay(replace(sampling, delay_s=node.number("delay_s", 0.0, MAX_DELAY_S)), node.where)
-    if sampling.delay_ticks or not delayed.delay_ticks:
-        raise ModelError(f"{node.where}: expected a delay_s above 0 beside a model whose delay_s is 0")
-    return _part(node, delayed, ("delay_s",))
 
 
 def _sampling(node: JsonObject) -> Sampling:
@@ -304,12 +264,7 @@ def _sampling(node: JsonObject) -> Sampling:
     ticks = sampling.rate_Hz * sampling.max_gap_s
     if ticks > MAX_GAP_TICKS:
         raise ModelError(f"{node.where}: max_gap_s spans {ticks:.0f} ticks; expected at most {MAX_GAP_TICKS}")
-    return _check_delay(sampling, node.where)
-
-
-def _check_delay(sampling: Sampling, where: str) -> Sampling:
-    """Return the sampling; raises ModelError if its delay is not a whole number of ticks."""
     if abs(sampling.delay_ticks - sampling.delay_s * sampling.rate_Hz) > 1e-6:
         tick_s = 1.0 / sampling.rate_Hz
-        raise ModelError(f"{where}: delay_s is {sampling.delay_s:g}; expected whole ticks of {tick_s:g} s")
+        raise ModelError(f"{node.where}: delay_s is {sampling.delay_s:g}; expected whole ticks of {tick_s:g} s")
     return sampling

@@ -93,7 +93,7 @@ def _model_content(model: Model, one: Item) -> PageContent:
     facts = [(heading, text) for heading, text, _ in list_facts(MODEL, one)]
     facts += [
         ("rate", format_number(model.sampling.rate_Hz, "g", "Hz")),
-        ("force known", " and ".join(delay_text(one.sampling.delay_s) for one in model.each)),
+        ("force known", delay_text(model.sampling.delay_s)),
         ("validated on", ", ".join(one.facts["validation"]) or "–"),
         ("written by", str(model.provenance.get("tool", "–"))),
         *((f"identified for {name}s", f"{low:.4g} to {high:.4g} {unit}") for name, (low, high), unit in named),
@@ -101,11 +101,8 @@ def _model_content(model: Model, one: Item) -> PageContent:
         ("|force| in these ranges, proved", format_number((model.certificate or {}).get("force_bound_N"), ".4g", "N")),
     ]
     costs = model.provenance.get("cost_J_percent") or []
-    rows = [
-        (str(c["recording"]), str(c["role"]), delay_text(c.get("delay_s", 0.0)), format_number(c["J"], ".2f"))
-        for c in costs
-    ]
-    headings = ("recording", "role", "force known", "J %")
+    rows = [(str(c["recording"]), str(c["role"]), format_number(c["J"], ".2f")) for c in costs]
+    headings = ("recording", "role", "J %")
     tables = [PageTable(caption="Cost of a free run", headings=headings, rows=rows)] if rows else []
     proof = str(one.facts["certificate"])
     headline = f"{one.facts['structure']}, {model.size}. {proof[:1].upper()}{proof[1:]}."

@@ -184,8 +184,6 @@ def _model_facts(path: Path) -> tuple[str, Facts]:
     content = _read_object(path)
     provenance = content.get("provenance") or {}
     costs = provenance.get("cost_J_percent") or []
-    shortest = min((float(c.get("delay_s", 0.0)) for c in costs), default=0.0)
-    costs = [c for c in costs if c.get("delay_s", 0.0) == shortest]
 
     def mean_J(role: str) -> float | None:
         values = [value for c in costs if c["role"] == role and (value := number(c["J"])) is not None]

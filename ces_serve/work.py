@@ -33,9 +33,10 @@ from ces_data.findings import Finding, require_usable
 from ces_data.recording import Recording
 from ces_data.samples import channel_stats
 from ces_data.signals_file import load_signals
-from ces_identify.comparison.compared_models import make_compared_models, name_sources
+from ces_identify.comparison.compared_models import make_compared_model, name_sources
 from ces_identify.comparison.comparison import compare
 from ces_identify.comparison.comparison_report import comparison_page
+from ces_identify.simulations.simulation import ModelSimulation
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, series_css
@@ -151,7 +152,7 @@ def compare_files(models: list[str], bags: list[str], signals: str | None) -> st
     for recording in recordings:
         require_usable(recording)
     named = zip(name_sources(models), models, strict=True)
-    compared = [one for name, path in named for one in make_compared_models(name, load_model(path), path)]
+    compared = [make_compared_model(name, ModelSimulation(load_model(path)), path) for name, path in named]
     return comparison_page(compare(compared, recordings))
 
 

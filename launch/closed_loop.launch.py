@@ -21,7 +21,6 @@ ANSWER_S = 2.0  # longest wait in lockstep
 SILENCE_S = 10.0  # in lockstep, until the controller commands the safe current unasked: longer than that wait
 ARGUMENTS = {
     "model": (SHARE / "config" / "models" / "sample.json", "model file of observer and controller"),
-    "model_topic": ("", "latched topic of models that observer and controller both change to; empty: none"),
     "namespace": ("", "namespace of nodes and topics"),
     "autostart": ("true", "false: a lifecycle manager configures and activates observer and controller"),
     "use_sim_time": ("false", "let the rig publish /clock, and all nodes use it"),
@@ -44,7 +43,6 @@ def generate_launch_description() -> LaunchDescription:
     ]
     model = {
         "model": argument_value("model"),
-        "model_topic": argument_value("model_topic"),
         "autostart": argument_value("autostart", bool),
         "use_sim_time": argument_value("use_sim_time", bool),
     }

@@ -13,7 +13,6 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 PARAMETERS = {  # by argument: the parameter, its type, and what it means
     "model": ("model", str, "path of the model file (model.json)"),
-    "model_topic": ("model_topic", str, "latched topic of models to change to"),
     "position_topic": ("position.topic", str, "topic of the position"),
     "current_topic": ("current.topic", str, "topic of the current"),
     "force_topic": ("force.topic", str, "topic of a measured force"),

@@ -15,7 +15,7 @@ from ces_observer.signals import DEFAULTS
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "config" / "security"
 INCLUDE = "{http://www.w3.org/2001/XInclude}include"
-NODES = ("observer", "controller", "rig", "identify")
+NODES = ("observer", "controller", "rig")
 RULES = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}  # of sros2's schema, version 0.2.0
 MAKERS = (
     "create_publisher",
@@ -81,7 +81,6 @@ def test_only_the_rig_stands_in_for_sensors_and_only_the_controller_commands() -
                 publishers.setdefault(str(one.text), set()).add(str(profile.get("node")))
     assert all(publishers[signal["topic"]] == {"rig"} for signal in DEFAULTS.values())
     assert publishers["valve_command"] == {"controller"}
-    assert publishers["~/model"] == {"identify"}
 
 
 def literals() -> Iterator[str]:
@@ -106,7 +105,7 @@ def test_what_the_sources_make_is_granted_and_the_other_way_round() -> None:
     assert {"reload_model", "estimate", "valve_command", "/diagnostics"} <= made
     granted = {name.removeprefix("~/").removeprefix("*/") for element in (COMMON, *PROFILES) for name in names(element)}
     assert not made - granted
-    others = {signal["topic"] for signal in DEFAULTS.values()} | {"observer/estimate", "identify/model"}
+    others = {signal["topic"] for signal in DEFAULTS.values()} | {"observer/estimate"}
     assert not granted - made - others - {name.removeprefix("~/") for name in names(COMMON)}
 
 

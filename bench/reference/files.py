@@ -37,7 +37,6 @@ MODEL = (
     ("force_envelope_N", "range of the force that the observer publishes"),
     ("certificate", "claim, method and bounds of the proof; the observer proves it anew"),
     ("band", "half-width of the force's band, if one was fitted"),
-    ("delayed", "a second model for the same samples with a delay: the keys of its own, and `delay_s`"),
     ("provenance", "recordings with hashes, costs, options, version, findings that were ignored"),
 )
 

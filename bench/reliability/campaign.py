@@ -19,7 +19,7 @@ from bench.reliability.judge import (
     FaultOutcome,
     evaluate_episode,
 )
-from bench.reliability.processes import MODEL_TOPIC, ObserverMonitor, ObserverProcess, SourceProcess
+from bench.reliability.processes import ObserverMonitor, ObserverProcess, SourceProcess
 from bench.reliability.ride import TrueForce
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
@@ -106,18 +106,6 @@ def reload_bad_model(stage: Stage, episode: FaultEpisode, seconds: float) -> Non
     mark_good(stage, episode)
 
 
-def publish_other_model(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
-    text, digest = stage.new_model()
-    stage.monitor.publish_model(text)
-    wait_until_adopted(stage, episode, digest)
-
-
-def publish_bad_model(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
-    stage.monitor.publish_model(make_unstable(stage.model).to_json())
-    time.sleep(3.0)
-    mark_good(stage, episode)
-
-
 def change_max_age(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     for value in (Random(episode.began_at).uniform(0.3, 3600.0), 0.0, MAX_AGE_S):
         expect(episode, stage.monitor.set_parameter("max_age_s", value), True)
@@ -165,8 +153,6 @@ ACTIONS: dict[str, Action] = {
     "bad model": change_to_bad_model,
     "reload": reload_model,
     "bad reload": reload_bad_model,
-    "model on topic": publish_other_model,
-    "bad model on topic": publish_bad_model,
     "age": change_max_age,
     "bad age": change_to_bad_age,
 }
@@ -188,7 +174,6 @@ def start_stage(model: Model, folder: Path, times: str, namespace: str = "/fault
     simulated = times != REAL
     parameters = {
         "model": path,
-        "model_topic": MODEL_TOPIC,
         "max_age_s": MAX_AGE_S,
         "use_sim_time": str(simulated).lower(),
     }

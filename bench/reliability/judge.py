@@ -101,8 +101,6 @@ CHANGES = (
     Fault("a bad model by parameter", (), TRUE, action="bad model"),
     Fault("model file read again", ("model sha256",), TRUE, action="reload"),
     Fault("a bad model file read again", ("refused",), TRUE, action="bad reload"),
-    Fault("another model on its topic", ("model sha256",), TRUE, action="model on topic"),
-    Fault("a bad model on its topic", ("refused",), TRUE, action="bad model on topic"),
     Fault("max_age_s changed", (), TRUE, action="age"),
     Fault("max_age_s out of range", (), TRUE, action="bad age"),
 )

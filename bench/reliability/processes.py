@@ -30,7 +30,6 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bench.reliability.ride import read_estimate
@@ -143,7 +142,6 @@ def ros_args(namespace: str) -> list[str]:
 
 
 NODE = "observer"
-MODEL_TOPIC = "model"
 DEEP = QoSProfile(depth=5000)
 CHECK_EVERY = 997  # estimates: the middleware's own code must read the same values
 
@@ -201,7 +199,6 @@ class ObserverMonitor:
         self._values: dict[str, str] = {}
         for topic in ("/diagnostics", f"{NODE}/details"):
             self._node.create_subscription(DiagnosticArray, topic, self._on_diagnostics, DEEP)
-        self._models = self._node.create_publisher(String, MODEL_TOPIC, LATCHED)
         self._parameters = AsyncParameterClient(self._node, self._name)
         self._reload = self._node.create_client(Trigger, f"{NODE}/reload_model")
         self._outcomes: dict[str, tuple[bool, str]] = {}  # of requests for another model, by number
@@ -234,9 +231,6 @@ class ObserverMonitor:
                 raise TimeoutError(f"{self._name}: no outcome of request {number} within {timeout_s:g} s")
             time.sleep(0.005)
         return self._outcomes[number]
-
-    def publish_model(self, text: str) -> None:
-        self._models.publish(String(data=text))
 
     def is_well(self, since_ns: int) -> bool:
         """Return whether an estimate came in the last 50 ms and the newest diagnosis after `since_ns` is no error."""

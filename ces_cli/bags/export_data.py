@@ -94,7 +94,7 @@ def _targets(bags: Sequence[Path], options: Namespace) -> list[tuple[Path, str]]
 
 def _estimate(model: Model, recording: Recording) -> dict[str, Channel]:
     """Return the estimates as channels on the position's stamps; those without a finite number are left out."""
-    rows = estimate_forces(model, recording).best
+    rows = estimate_forces(model, recording).rows
     stamps = rows[:, 0].astype(np.int64)
     channels = {name: Channel(name, unit, stamps, rows[:, i].astype(np.float64)) for i, name, unit in ESTIMATES}
     return {name: channel for name, channel in channels.items() if np.isfinite(channel.values).any()}

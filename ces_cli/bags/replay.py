@@ -43,51 +43,39 @@ def main(argv: Sequence[str] | None = None) -> int:
         position = signals["position"]
         steps = position.field.steps if isinstance(position, Signal) else ()
         joint = next((element for _, element in steps if isinstance(element, str)), "damper")
-        topics = [*recording_topics(recording, signals)]
-        for topic, one, rows in replayed.by_topic(model):
-            topics.append(_joint_states(topic, rows, {f"{key}[{joint}]": i for i, key in enumerate(KEYS, 1)}))
-            if one.band is not None:
-                bounds = {f"effort[{joint}_lower]": 4, f"effort[{joint}_upper]": 5}
-                topics.append(_joint_states(f"{topic}_band", rows, bounds))
+        topic = DELAYED_TOPIC if model.sampling.delay_ticks else ESTIMATE_TOPIC
+        estimates = {f"{key}[{joint}]": i for i, key in enumerate(KEYS, 1)}
+        topics = [*recording_topics(recording, signals), _joint_states(topic, replayed.rows, estimates)]
+        if model.band is not None:
+            bounds = {f"effort[{joint}_lower]": 4, f"effort[{joint}_upper]": 5}
+            topics.append(_joint_states(f"{topic}_band", replayed.rows, bounds))
         write_bag(options.out, topics, overwrite=options.overwrite, notes={"model_sha256": model.digest()})
     samples, reasons = len(recording.channel("position")), dict(replayed.reasons.most_common())
     if options.json:
-        force = [float(row[3]) for row in (replayed.now if len(replayed.now) else replayed.late)]
+        force = [float(row[3]) for row in replayed.rows]
         facts = {"recording": recording.name, "bag": options.out, "position_samples": samples}
-        facts |= {"estimates": len(replayed.now), "delayed_estimates": len(replayed.late), "withheld": reasons}
+        facts |= {"delay_s": model.sampling.delay_s, "estimates": len(force), "withheld": reasons}
         print_document("replay", facts | {"force_N": [min(force), max(force)] if force else None})
         return 0
-    for _, one, rows in replayed.by_topic(model):
-        delay = f" {1e3 * one.sampling.delay_s:g} ms late" if one.sampling.delay_ticks else ""
-        print(f"{len(rows)} forces estimated{delay} from {samples} position samples")
+    delay = f" {1e3 * model.sampling.delay_s:g} ms late" if model.sampling.delay_ticks else ""
+    print(f"{len(replayed.rows)} forces estimated{delay} from {samples} position samples")
     for reason, count in reasons.items():
         print(f"  withheld {count}: {reason}")
-    if len(replayed.best):
-        _warn_outside(model.best, recording, replayed.best)
+    if len(replayed.rows):
+        _warn_outside(model, recording, replayed.rows)
     print(f"bag: {options.out}")
     return 0
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """Rows (n, 6) of stamp [ns], position [m], speed [m/s], force [N] and its bounds [N], NaN without a band.
+    """The estimates, and the `reasons` why there is none with their counts.
 
-    `now` are those known at once, `late` those of a model with a delay; `reasons` count why there is none.
+    `rows` (n, 6) are stamp [ns], position [m], speed [m/s], force [N] and its bounds [N], NaN without a band.
     """
 
-    now: NDArray[np.float64]
-    late: NDArray[np.float64]
+    rows: NDArray[np.float64]
     reasons: Counter[str]
-
-    @property
-    def best(self) -> NDArray[np.float64]:
-        """The rows of the best model in the file."""
-        return self.late if len(self.late) else self.now
-
-    def by_topic(self, model: Model) -> list[tuple[str, Model, NDArray[np.float64]]]:
-        """Return the topics with the model in the file that each is of, and its rows."""
-        both = (ESTIMATE_TOPIC, model, self.now), (DELAYED_TOPIC, model.best, self.late)
-        return [entry for entry in both if (entry[0] == DELAYED_TOPIC) == (entry[1].sampling.delay_ticks > 0)]
 
 
 def _warn_outside(model: Model, recording: Recording, rows: NDArray[np.float64]) -> None:
@@ -107,18 +95,18 @@ def estimate_forces(model: Model, recording: Recording) -> Replayed:
     estimator = Estimator(model)
     position = recording.channel("position")
     current = hold_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
-    now, late = [], []
+    rows = []
     reasons: Counter[str] = Counter()
     motion = hold_motion(recording, position.stamps_ns, model.sampling)
     columns = (position.stamps_ns, position.values, current, motion)
     for stamp, x, c, m in zip(*(column.tolist() for column in columns), strict=True):
         force = estimator.step(stamp, x, c, m)
         if force is not None:
-            now.append(_row(stamp, estimator.position, estimator.speed, force, estimator.half_width()))
+            rows.append(_row(stamp, estimator.position, estimator.speed, force, estimator.half_width()))
         elif estimator.reason != OK:
             reasons[estimator.reason] += 1
-        late += [_row(*one) for one in estimator.late]
-    return Replayed(np.array(now, object).reshape(-1, 6), np.array(late, object).reshape(-1, 6), reasons)
+        rows += [_row(*one) for one in estimator.late]
+    return Replayed(np.array(rows, object).reshape(-1, 6), reasons)
 
 
 def _row(stamp_ns: int, x: float, v: float, force: float, half_width: float | None) -> tuple[float, ...]:

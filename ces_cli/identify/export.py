@@ -129,10 +129,9 @@ def _kind(options: argparse.Namespace) -> str:
 
 
 def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
-    """Return the certificate of the model, or of the delayed one in its file if that does not hold."""
+    """Return the certificate of the model; raises CesError if it does not hold, unless the options allow that."""
     with terminal.err.status("proving stability"):
-        certificate, *others = (one.certify() for one in model.each)
-    certificate = next((one for one in others if not one.holds), certificate)
+        certificate = model.certify()
     if not (certificate.holds or options.allow_uncertified):
         raise CesError(
             f"{options.model}: its stability cannot be proved ({certificate.doubt}); identify it again with a "

@@ -14,7 +14,7 @@ from time import monotonic
 from typing import Any
 
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
-from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
+from ces_cli.identify.options import OPTIONS
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import (
     ALL,
@@ -43,13 +43,12 @@ from ces_data.findings import Finding
 from ces_data.recording import Recording
 from ces_gap.augmented import file_of
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
-from ces_identify.identification import DELAYED_SELECTION, STRETCHES, IdentificationResult, count_starts, identify
+from ces_identify.identification import STRETCHES, IdentificationResult, count_starts, identify
 from ces_identify.options import build_identify_options
 from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend
-from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.cost import Weighting, parse_weighting
-from ces_identify.prepare.sampling import choose_motion, describe_motion, late
+from ces_identify.prepare.sampling import choose_motion, describe_motion
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, REASON, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions, StructureKit
@@ -71,7 +70,6 @@ STRUCTURE_RULES = (
     never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
     _rule_of(POLYNOMIAL, "method candidates blend terms"),
     *(_rule_of(kit, " ".join(size.name for size in kit.sizes)) for kit in KITS.values()),
-    OptionRule("folds", lambda options: len(options.delay) == 1, "takes one --delay: cross-validate each model alone"),
 )
 SEARCH_SHARE, MIN_LEFT_SHARE = 0.8, 0.5  # of a time limit's rest after reading; of the limit, that counts as left
 
@@ -117,10 +115,10 @@ class Identification:
     how: IdentifyOptions
     findings: tuple[Finding, ...] = ()
 
-    def run(self, show_progress: Callable[[Limits], Any] = SearchProgress) -> IdentificationResult:
+    def run(self) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
         CompilationNotice(terminal.print_warning)
-        with show_progress(self.how.limits) as progress:
+        with SearchProgress(self.how.limits) as progress:
             run = select_identify_function(self.options)
             result = run(self.bags, self.validation, self.how, progress.listen)
         if self.options.teacher is not None:
@@ -266,11 +264,8 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
         terminal.print_warning(
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
         )
-    if len(model.each) < len(options.delay):
-        terminal.print_warning(f"stopped: no model with --delay {max(options.delay):g}")
-    for one, key in zip(model.each, ("selection", DELAYED_SELECTION), strict=False):
-        _print_certificate(one, model.provenance[key].get("not_proved", ""))
     selection = model.provenance["selection"]
+    _print_certificate(model, selection.get("not_proved", ""))
     if costs := selection.get("structures"):
         chosen = selection["structure"]
         print(f"J on blocks left out: {', '.join(f'{name} {cost:.2f} %' for name, cost in costs.items())}")
@@ -308,12 +303,11 @@ def _print_teacher(result: IdentificationResult) -> None:
 
 def _print_certificate(model: Model, doubt: str) -> None:
     """Print the certificate, or why there is none and what that means; `doubt` is why a proof failed."""
-    which = late(model.sampling.delay_s)
     if model.certificate is not None:
-        print(f"proved stable{which}: {summarize(model.certificate)}")
+        print(f"proved stable: {summarize(model.certificate)}")
         return
     if doubt:
-        text = f"not proved stable{which}: {doubt}; the"
+        text = f"not proved stable: {doubt}; the"
     else:
         text = "--no-certificate: no proof of this model's stability was tried; if the observer's fails, the"
     terminal.print_warning(f"{text} observer will refuse this model unless allow_uncertified is true")
@@ -351,7 +345,6 @@ def make_parser() -> terminal.Parser:
         f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
         replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"),
-        *list_shared(),
-        *OF_THE_PROGRAM,
+        *OPTIONS,
         rules=(*CAMPAIGN_RULES, *STRUCTURE_RULES),
     )

@@ -19,7 +19,6 @@ from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.recording import Recording
 from ces_identify.options import REGIONS, WEIGHT
 from ces_identify.prepare.cost import Weighting, parse_weighting
-from ces_identify.prepare.sampling import late
 from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size, evaluate
 from ces_identify.validation.lacks import head_lines
@@ -45,10 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not options.bags and not options.certificate:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
     with without_text(options.json):
-        proofs = [one.certify() for one in model.each] if options.certificate else []
-        status = max(
-            [print_proof(*both, str(options.model)) for both in zip(model.each, proofs, strict=False)], default=0
-        )
+        proof = model.certify() if options.certificate else None
+        status = 0 if proof is None else print_proof(model, proof, str(options.model))
         evaluations, found = ([], []) if status else _evaluate_recordings(model, paths, options)
         if evaluations:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
@@ -65,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)
             print(f"report: {options.report}")
     if options.json:
-        print_document("validate", {**_as_json(model, proofs, evaluations, weighting, options), "findings": found})
+        print_document("validate", {**_as_json(model, proof, evaluations, weighting, options), "findings": found})
     return status
 
 
@@ -87,11 +84,10 @@ def _evaluate_recordings(
                 f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
                 "here is lower than on new data"
             )
-        for one in model.each:
-            series = prepare(recording, one.sampling).part(*options.part)
-            evaluations += evaluate(one, [series], IDENTIFICATION if overlaps else VALIDATION)
+        series = prepare(recording, model.sampling).part(*options.part)
+        evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
         if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in found)):
-            found += print_against_model(model.best, recording, evaluations[-1], options.part)
+            found += print_against_model(model, recording, evaluations[-1], options.part)
     return evaluations, found
 
 
@@ -124,23 +120,23 @@ def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> N
     for e in evaluations:
         tests = residual_tests(e)
         for line in verdicts(tests) if tests else ("not tested: the free run diverged or is too short",):
-            print(f"residual of {e.label}: {line}")
+            print(f"residual of {e.name}: {line}")
 
 
 def _as_json(
     model: Model,
-    proofs: Sequence[Certificate],
+    proof: Certificate | None,
     evaluations: Sequence[Evaluation],
     weighting: Weighting,
     options: argparse.Namespace,
 ) -> dict[str, Any]:
     return {
         "model": {"path": options.model, **model_facts(model)},
-        "certificate": certificate_facts(model, proofs) if proofs else None,
+        "certificate": None if proof is None else certificate_facts(model, proof),
         "weights": str(weighting) if weighting else None,
         "recordings": cost_rows(evaluations, weighting),
         "all_held_out": held_out_row(evaluations),
-        "residuals": {e.label: _residual_facts(e) for e in evaluations},
+        "residuals": {e.name: _residual_facts(e) for e in evaluations},
         "report": options.report,
     }
 
@@ -165,10 +161,10 @@ def print_proof(model: Model, proof: Certificate, name: str) -> int:
     excess = _find_overclaim(model.certificate, proof) if proof.holds else ""
     if excess or not proof.holds:
         reason = f"the file claims {excess}; identify the model again" if proof.holds else proof.doubt
-        print(f"not proved: {name}{late(model.sampling.delay_s)}: {reason}")
+        print(f"not proved: {name}: {reason}")
         return NOT_PROVED
     envelope = model.envelope
-    print(f"proved{late(model.sampling.delay_s)}: {proof.claim} ({proof.effort})")
+    print(f"proved: {proof.claim} ({proof.effort})")
     for label, value in proof.rows:
         print(f"  {label:<14}  {value}")
     print(f"  {'inputs outside':<14}  the envelope are {model.body.outside}")
@@ -182,15 +178,10 @@ def print_proof(model: Model, proof: Certificate, name: str) -> int:
     return 0
 
 
-def certificate_facts(model: Model, proofs: Sequence[Certificate]) -> dict[str, Any]:
-    """Return for --json whether a proof succeeded and covers the file's claims, and the bounds that it proves.
-
-    Those of a model with a delay beside one without are in `delayed`.
-    """
-    proof, *others = proofs
+def certificate_facts(model: Model, proof: Certificate) -> dict[str, Any]:
+    """Return for --json whether a proof succeeded and covers the file's claims, and the bounds that it proves."""
     doubt = _find_overclaim(model.certificate, proof) if proof.holds else proof.doubt
-    later = {} if model.delayed is None else {"delayed": certificate_facts(model.delayed, others)}
-    return {"proved": not doubt, "doubt": doubt or None, "bounds": proof.bounds, **later}
+    return {"proved": not doubt, "doubt": doubt or None, "bounds": proof.bounds}
 
 
 def _find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str:

@@ -14,14 +14,12 @@ from ces_cli.terminal.terminal import lay_out, make_table, print_table, print_wa
 from ces_data.samples import Coverage
 from ces_identify.folds import CrossValidation
 from ces_identify.prepare.cost import EQUAL, Weighting
-from ces_identify.prepare.sampling import delay_text, late
 from ces_identify.validation.cost_table import NONE, cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
     VALIDATION,
     CostInterval,
     Evaluation,
     PooledCost,
-    by_delay,
     explain_missing,
     pool_evaluations,
 )
@@ -33,14 +31,12 @@ def print_costs(
 ) -> None:
     """Print the costs, also of all held-out recordings together, why figures are missing, and warnings."""
     table = lay_out(cost_table(evaluations, title, weighting, exact))
-    table.columns[0].min_width = min(14, max(len(e.label) for e in evaluations))
+    table.columns[0].min_width = min(14, max(len(e.name) for e in evaluations))
     table.columns[1].no_wrap = True
     table.rows[-1].end_section = True
-    for n, (delay_s, some) in enumerate(by_delay(evaluations).items()):
-        if (pooled := _pool_held_out(some)) is not None:
-            name = f"  {delay_text(delay_s)}" if n else f"all held out{late(delay_s)}"
-            use = f"test {pooled.scored_s:.1f} s"
-            table.add_row(name, use, percent(pooled.cost), interval_text(pooled.interval))
+    if (pooled := _pool_held_out(evaluations)) is not None:
+        use = f"test {pooled.scored_s:.1f} s"
+        table.add_row("all held out", use, percent(pooled.cost), interval_text(pooled.interval))
     print_table(table)
     for line in explain_missing(evaluations, floors=any(e.floor is not None for e in evaluations)):
         print(f"{NONE}: {line}")
@@ -51,7 +47,7 @@ def print_costs(
 def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:
     """Return the costs for --json, not rounded: an object for each evaluation.
 
-    Its keys are `recording`, `role`, `delay_s`, `scored_s`, `J_percent` and `ci95_percent` (both null if the run
+    Its keys are `recording`, `role`, `scored_s`, `J_percent` and `ci95_percent` (both null if the run
     diverged), `floor_percent` (null where cycles do not repeat), `weighted_J_percent` (null without weights), `rms_N`,
     `outside_envelope` and `force_held` (shares) and `inside_band` (share; null without a band).
     """
@@ -59,7 +55,6 @@ def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -
         {
             "recording": e.name,
             "role": e.role,
-            "delay_s": e.delay_s,
             "scored_s": e.scored_s,
             "J_percent": e.cost,
             "ci95_percent": _interval_as_list(e.interval),
@@ -75,10 +70,11 @@ def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -
 
 
 def held_out_row(evaluations: Sequence[Evaluation]) -> dict[str, Any] | None:
-    """Return J and interval of all validation recordings together (second delay: `delayed`); None below two."""
-    pooled = filter(None, map(_pool_held_out, by_delay(evaluations).values()))
-    rows = [{"J_percent": one.cost, "ci95_percent": _interval_as_list(one.interval)} for one in pooled]
-    return {**rows[0], **({"delayed": rows[1]} if rows[1:] else {})} if rows else None
+    """Return J and interval of all validation recordings together; None below two."""
+    pooled = _pool_held_out(evaluations)
+    if pooled is None:
+        return None
+    return {"J_percent": pooled.cost, "ci95_percent": _interval_as_list(pooled.interval)}
 
 
 def fold_table(result: CrossValidation) -> Table:
@@ -108,14 +104,13 @@ def fold_rows(folds: CrossValidation) -> dict[str, Any]:
 
 
 def model_facts(model: Model) -> dict[str, Any]:
-    """Return a model's size, rate, delay, proof and band level for a document; `delayed`: of the model beside it."""
+    """Return a model's size, rate, delay, proof and band level for a document."""
     return {
         "size": model.size,
         "rate_Hz": model.sampling.rate_Hz,
         "delay_s": model.sampling.delay_s,
         "proved_stable": model.certificate is not None,
         "band_level": None if model.band is None else model.band.level,
-        **({} if model.delayed is None else {"delayed": model_facts(model.delayed)}),
     }
 
 

@@ -24,8 +24,8 @@ from ces_identify.campaign.rows import CellNames
 from ces_identify.options import (
     CANDIDATES,
     CERTIFICATE,
+    DELAY,
     METHOD,
-    ONE_DELAY,
     RATE,
     SEED,
     SPLIT,
@@ -62,7 +62,7 @@ STRUCTURES: Mapping[str, Mapping[str, Option]] = {  # the axes of each structure
     **{kit.option: _by_name(*kit.sizes) for kit in KITS.values()},
     POLYNOMIAL.option: _by_name(replace(TERMS, default=15), METHOD, RULES),
 }
-COMMON = _by_name(replace(RATE, default=AUTO), ONE_DELAY, CERTIFICATE, SEED)
+COMMON = _by_name(replace(RATE, default=AUTO), DELAY, CERTIFICATE, SEED)
 KEYS = ("bags", "validate", "structures", *COMMON, "limits", "split", "signals")
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from ces_data.arrays import F, Mask
 from ces_data.checks.content import find_known_recording, identification_rows
 from ces_data.recording import Recording
-from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import force_at
 from ces_identify.simulations.simulate import SampleRun, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
@@ -71,14 +70,6 @@ def make_compared_model(name: str, simulation: Simulation, source: str = "") -> 
     rows = tuple(row for one in listed for row in identification_rows(one))
     known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
     return ComparedModel(name, simulation, source, rows, known)
-
-
-def make_compared_models(name: str, found: Simulation | Model, source: str = "") -> list[ComparedModel]:
-    """Return a simulation, or the models of a file, of which the second one has its delay in its name."""
-    if isinstance(found, Simulation):
-        return [make_compared_model(name, found, source)]
-    names = [name, *(f"{name} {delay_text(one.sampling.delay_s)}" for one in found.each[1:])]
-    return [make_compared_model(n, ModelSimulation(one), source) for n, one in zip(names, found.each, strict=True)]
 
 
 def name_sources(sources: Sequence[str]) -> list[str]:

@@ -29,7 +29,7 @@ from ces_observer.signals import DEFAULTS, LARGEST, MOTIONS
 from ces_observer.tick.selftest import rounding_sample
 
 TYPES = {"integer": "int", "integer_array": "int_array"}  # by ROS's name, where the library has another
-PYTHON_ONLY = ("force", "snapshot_after_s", "model_topic", "compare_force", "cost_warn_J", "cost_window_s")
+PYTHON_ONLY = ("force", "snapshot_after_s", "compare_force", "cost_warn_J", "cost_window_s")
 MEANINGS = {
     "model": "absolute path of the flat file from `ces export model.json --out NAME.ces`; a new path is checked and "
     "loaded while running",

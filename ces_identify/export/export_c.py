@@ -42,8 +42,7 @@ WIDTH = 116  # of a comment or table
 def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) -> dict[str, str]:
     """Return the texts of FILE_STEM.c, FILE_STEM.h and of the core by file name; identifiers begin with `name`.
 
-    Comments state the `certificate`, which holds only if that of a second, delayed model does, too. Raises ModelError
-    if the model cannot be used or a name is not usable.
+    Comments state the `certificate`. Raises ModelError if the model cannot be used or a name is not usable.
     """
     require_usable_names(name, file_stem)
     arrays = lay_out_estimator(model)
@@ -76,12 +75,7 @@ def identifier(text: str) -> str:
 def _facts(
     model: Model, name: str, file_stem: str, certificate: Certificate, arrays: EstimatorArrays
 ) -> dict[str, object]:
-    sampling, has_now = model.sampling, not model.sampling.delay_ticks
-    parts = {
-        "sampling": arrays.sampling,
-        **({"now": arrays.now} if has_now else {}),
-        **({"late": arrays.late} if model.best.sampling.delay_ticks else {}),
-    }
+    sampling, parts = model.sampling, arrays._asdict()
     tables = [
         _table(f"static const {kind} {part.upper()}_{array.upper()}", getattr(of, array))
         for part, of in parts.items()
@@ -96,17 +90,13 @@ def _facts(
         "digest": model.digest(),
         "core_digest": tick_digest(),
         "model": model,
-        "proof": _proof(model, certificate),
+        "proof": _proof(certificate),
         "noun": model.body.name.replace("_", " "),
         "reasons": CODES,
-        "parts": parts,
         "sizes": {part: (len(of.s), len(of.k)) for part, of in parts.items()},
         "tables": tables,
-        "own": "now" if has_now else "late",
-        "has_now": has_now,
-        "has_width": has_now and model.band is not None,
-        "delay": model.best.sampling.delay_ticks,
-        "delay_s": model.best.sampling.delay_s,
+        "has_width": not sampling.delay_ticks and model.band is not None,
+        "delay": sampling.delay_ticks,
         "motion": sampling.motion,
         "unit": unit,
         "measured": f"{sampling.motion}_{unit.replace('/', '_')}",
@@ -114,15 +104,15 @@ def _facts(
     }
 
 
-def _proof(model: Model, certificate: Certificate) -> list[str]:
+def _proof(certificate: Certificate) -> list[str]:
     """Return the lines that state what is proved, with bounds that are not rounded."""
     if not certificate.holds:
         return _wrap(f"Stability: NOT PROVED ({certificate.doubt}). Not for a vehicle.")
     bounds = ", ".join(f"{key} {value!r}" for key, value in certificate.bounds.items())
-    both = " This holds for the other model, too, with bounds of its own." if model.delayed else ""
-    return _wrap(f"Stability: proved at export. {certificate.claim}.{both} {certificate.effort}.") + _wrap(
-        f"Bounds: {bounds}."
-    )
+    return [
+        *_wrap(f"Stability: proved at export. {certificate.claim}. {certificate.effort}."),
+        *_wrap(f"Bounds: {bounds}."),
+    ]
 
 
 def _wrap(text: str) -> list[str]:

@@ -45,26 +45,24 @@ class Variable(NamedTuple):
 
 
 def list_variables(model: Model) -> tuple[Variable, ...]:
-    """Return the variables: reals, Booleans, and the reason; forces at once, with the delay, or both."""
-    now, delay_s = not model.sampling.delay_s, model.best.sampling.delay_s
+    """Return the variables: reals, Booleans, and the reason; the force at once, or with the delay."""
+    delay_s = model.sampling.delay_s
     reals = [
         Variable("position", '<Real unit="m" start="0.0"/>', "piston position, positive in compression", "input"),
         Variable("current", '<Real unit="A" start="0.0"/>', "valve current", "input"),
     ]
-    booleans = []
-    if now:
-        reals.append(Variable("force", NEWTON, "damping force, positive in compression; 0 unless valid"))
-        booleans.append(Variable("valid", "<Boolean/>", "the force may be used", variability="discrete"))
-    reals.append(Variable("speed", '<Real unit="m/s"/>', "speed as it is known at once"))
-    what = "inputs were outside the envelope of the model"
-    booleans.append(Variable("clamped", "<Boolean/>", what, variability="discrete"))
     if delay_s:
-        valid = "valid_delayed" if now else "valid"
-        what = f"damping force {delay_s:g} s ago, as it is known now, positive in compression; 0 unless {valid}"
+        what = f"damping force {delay_s:g} s ago, as it is known now, positive in compression; 0 unless valid"
         reals.append(Variable("force_delayed", NEWTON, what))
         what = "how long ago force_delayed was"
         reals.append(Variable("delay", f'<Real unit="s" start="{delay_s!r}"/>', what, "local", "constant"))
-        booleans.append(Variable(valid, "<Boolean/>", "force_delayed may be used", variability="discrete"))
+    else:
+        reals.append(Variable("force", NEWTON, "damping force, positive in compression; 0 unless valid"))
+    reals.append(Variable("speed", '<Real unit="m/s"/>', "speed as it is known at once"))
+    booleans = (
+        Variable("valid", "<Boolean/>", "the force may be used", variability="discrete"),
+        Variable("clamped", "<Boolean/>", "inputs were outside the envelope of the model", variability="discrete"),
+    )
     kind = '<Enumeration declaredType="Reason"/>'
     return (*reals, *booleans, Variable("reason", kind, "why the force is given or withheld", variability="discrete"))
 
@@ -131,9 +129,8 @@ def _facts(model: Model, name: str, certificate: Certificate) -> dict[str, objec
         "reasons": CODES,
         "variables": variables,
         "reals": sum(variable.kind.startswith("<Real") for variable in variables),
-        "now": not model.sampling.delay_s,
-        "delay_s": model.best.sampling.delay_s,
-        "max_known_ns": round(1e9 * (model.best.sampling.delay_s + model.sampling.max_gap_s)),
+        "delay_s": model.sampling.delay_s,
+        "max_known_ns": round(1e9 * (model.sampling.delay_s + model.sampling.max_gap_s)),
         "command": " ".join(["cc", *_arguments(name, f"{name}.so")]),
     }
 

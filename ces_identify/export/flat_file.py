@@ -1,8 +1,8 @@
 """The flat file: a model as the arrays of `ces_observer.tick`, which C++ and C programs load at run time.
 
 Little endian: MAGIC; the version and the length of the text, each 32 bits; the text, lines `key=value` in UTF-8; zeros
-up to a multiple of 8. Then, for the sampling, the model without a delay and the one with (`EstimatorArrays`): the sizes
-of p, n, s and k, p as doubles, and n, all of 64 bits. Last the CRC-32 of all before it, 32 bits.
+up to a multiple of 8. Then, for the sampling and the structure (`EstimatorArrays`): the sizes of p, n, s and k, p as
+doubles, and n, all of 64 bits. Last the CRC-32 of all before it, 32 bits.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ces_observer.estimator import EstimatorArrays, lay_out_estimator
 from ces_observer.flat import Arrays
 from ces_observer.model import Model
 from ces_observer.proof.certificate import Certificate
-from ces_observer.tick.estimator import check_models
+from ces_observer.tick.estimator import check_model
 
 MAGIC = b"CES-FLAT"
-VERSION = 1
+VERSION = 2
 HEAD = struct.Struct("<8sII")
 SIZES = struct.Struct("<4q")
 CHECKSUM = struct.Struct("<I")
@@ -39,7 +39,7 @@ def write_flat(model: Model, name: str, certificate: Certificate) -> bytes:
 def require_within(arrays: EstimatorArrays, source: str) -> None:
     """Raise ModelError unless the tick stays within all arrays, whatever its samples are."""
     sizes = [[part.p, part.n, *map(len, part)] for part in arrays]
-    if not check_models(*(value for part in sizes for value in part)):  # type: ignore[arg-type]
+    if not check_model(*(value for part in sizes for value in part)):  # type: ignore[arg-type]
         raise ModelError(f"{source}: its arrays are not those of a model; identify the model again")
 
 
@@ -57,8 +57,7 @@ def _facts(model: Model, name: str, certificate: Certificate) -> dict[str, objec
         "rate_Hz": sampling.rate_Hz,
         "stroke_min_m": sampling.stroke_m[0],
         "stroke_max_m": sampling.stroke_m[1],
-        "delay_s": model.best.sampling.delay_s,
-        "has_now": int(not sampling.delay_ticks),
+        "delay_s": sampling.delay_s,
         "max_gap_s": sampling.max_gap_s,
         "max_current_age_s": sampling.max_current_age_s,
         "proved": int(certificate.holds),

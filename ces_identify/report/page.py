@@ -10,10 +10,9 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ces_identify.identification import DELAYED_SELECTION
 from ces_identify.physical.quantities import ERRORS
 from ces_identify.prepare.cost import EQUAL, Weighting
-from ces_identify.prepare.sampling import delay_text, late
+from ces_identify.prepare.sampling import delay_text
 from ces_identify.report.figures import (
     MAX_DOTS,
     choose_window,
@@ -33,7 +32,6 @@ from ces_identify.validation.evaluate import (
     VALIDATION,
     CostInterval,
     Evaluation,
-    by_delay,
     describe_size,
     explain_missing,
     pool_evaluations,
@@ -75,35 +73,31 @@ def write_report(
     """
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
     held_out = [e for e in ordered if e.role == VALIDATION]
-    worst = {(e.role, e.name): max(o.cost for o in ordered if (o.role, o.name) == (e.role, e.name)) for e in ordered}
-    drawn = sorted(sorted(range(len(ordered)), key=lambda i: -worst[ordered[i].role, ordered[i].name])[:MAX_DRAWN])
+    drawn = sorted(sorted(range(len(ordered)), key=lambda i: -ordered[i].cost)[:MAX_DRAWN])
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     selection = model.provenance.get("selection", {})
     structures = selection.get("structures") or {}
     command = next((text for name, text in facts.items() if name.lower() == "command"), "")
-    kind = " and ".join(dict.fromkeys(one.structure for one in model.each))
-    kind = kind.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
+    kind = model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
     page = page_template("report.html.j2", "ces_identify.report").render(
         title=title,
         subject=_describe_recordings(ordered),
         lacks=[NEGATIVE.sub("\N{MINUS SIGN}", line) for line in head_lines(model, ordered)],
-        answers=summarize_model(model, ordered, _format_headline(ordered, held_out), command),
+        answers=summarize_model(model, ordered, _format_headline(ordered, held_out, model), command),
         picture=_draw_first(ordered),
         warnings=_format_warnings(ordered),
         facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **facts},
         model=model,
-        delayed=model.best.sampling.delay_s > 0.0,
         rows=_cost_rows(ordered, weighting),
         weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
-        pooled=[row for some in by_delay(held_out).values() if (row := _pooled_row(some)) is not None],
+        pooled=_pooled_row(held_out),
         structures=[(name, three_figures(cost)) for name, cost in structures.items()],
         reason=selection.get(REASON, ""),
-        parts=[_draw_model(one, ordered, drawn, points) for one in model.each],
+        **_draw_model(model, ordered, drawn, points),
         drawn=drawn,
         most_dots=MAX_DOTS,
-        outside_is=" or ".join(dict.fromkeys(one.body.outside for one in model.each)),
         settings=_settings(model),
         history=_history(model),
     )
@@ -118,24 +112,17 @@ def _draw_first(ordered: Sequence[Evaluation]) -> Markup:
 
 
 def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int], points: int) -> dict[str, Any]:
-    """Return the sections about one model; those of a model with a delay have it in their headings."""
-    delay_s = model.sampling.delay_s
-    mine = [e for e in ordered if e.delay_s == delay_s]
-    held_out = [e for e in mine if e.role == VALIDATION]
-    shown, suffix = held_out or mine, "-late" if delay_s else ""
-    table = model_table(model, shown, VALIDATION if held_out else IDENTIFICATION)
+    """Return the recordings, the model's table with its charts, and the maps."""
+    held_out = [e for e in ordered if e.role == VALIDATION]
+    table = model_table(model, held_out or ordered, VALIDATION if held_out else IDENTIFICATION)
     return {
-        "model": model,
-        "suffix": suffix,
-        "late": late(delay_s),
-        "count": len(mine),
-        "recordings": [_draw_recording(i, ordered[i], model, points) for i in drawn if ordered[i].delay_s == delay_s],
+        "recordings": [_draw_recording(i, ordered[i], model, points) for i in drawn],
         "table": table,
         "charts": [
-            (draw_chart(f"chart{n}{suffix}", chart, size), chart.caption)
+            (draw_chart(f"chart{n}", chart, size), chart.caption)
             for n, (chart, size) in enumerate(zip(table.charts, SIZES, strict=False))
         ],
-        "maps": _draw_maps(mine, model, suffix),
+        "maps": _draw_maps(ordered, model),
     }
 
 
@@ -145,11 +132,10 @@ def _describe_recordings(evaluations: Sequence[Evaluation]) -> str:
     return "; ".join(f"{names} ({role})" for role, names in named if names)
 
 
-def _format_headline(evaluations: Sequence[Evaluation], held_out: Sequence[Evaluation]) -> str:
+def _format_headline(evaluations: Sequence[Evaluation], held_out: Sequence[Evaluation], model: Model) -> str:
     """Return one sentence about the costs of the evaluations `held_out`, else of all."""
-    groups = by_delay(held_out or evaluations)
-    costs = "; ".join(f"{delay_text(d)}: {_describe_costs(some)}" for d, some in groups.items())
-    costs = f", {costs}" if any(groups) else costs.removeprefix(delay_text(0.0))
+    delay_s = model.sampling.delay_s
+    costs = f"{f', {delay_text(delay_s)}' if delay_s else ''}: {_describe_costs(held_out or evaluations)}"
     if held_out:
         return f"Validation{costs}."
     if not evaluations:
@@ -200,7 +186,6 @@ def _cost_row(e: Evaluation, scale: float, weighting: Weighting) -> dict[str, An
         "role": e.role,
         "span": f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}",
         "duration": f"{e.scored_s:.1f}",
-        "delay": f"{1e3 * e.delay_s:g}",
         "cost": three_figures(e.cost),
         "bar": scale * e.cost if finite else 100.0,
         "diverged": not finite,
@@ -224,7 +209,6 @@ def _pooled_row(held_out: Sequence[Evaluation]) -> dict[str, Any] | None:
     return {
         "number": pooled.number,
         "duration": f"{pooled.scored_s:.1f}",
-        "delay": f"{1e3 * held_out[0].delay_s:g}",
         "cost": three_figures(pooled.cost),
         "interval": _format_interval(pooled.interval),
     }
@@ -251,7 +235,7 @@ def _draw_recording(number: int, evaluation: Evaluation, model: Model, max_point
     }
 
 
-def _draw_maps(evaluations: Sequence[Evaluation], model: Model, suffix: str) -> dict[str, Any] | None:
+def _draw_maps(evaluations: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
     """Return the two maps; if identification or validation is missing, the other replaces it."""
     if not evaluations:
         return None
@@ -260,24 +244,20 @@ def _draw_maps(evaluations: Sequence[Evaluation], model: Model, suffix: str) -> 
     return {
         "fitted": bool(fitted),
         "held_out": bool(held_out),
-        "coverage": coverage_map(f"coverage{suffix}", grid, fitted or held_out, held_out if fitted else [], model),
-        "error": error_map(f"error{suffix}", grid, held_out or fitted, fitted if held_out else [], model),
+        "coverage": coverage_map("coverage", grid, fitted or held_out, held_out if fitted else [], model),
+        "error": error_map("error", grid, held_out or fitted, fitted if held_out else [], model),
     }
 
 
 def _settings(model: Model) -> dict[str, Any]:
     """Return the model's settings for the page's last section, with readable names."""
-    delays = [one.sampling.delay_s for one in model.each]
-    sampling = asdict(model.sampling) | ({"delay_s": delays} if len(delays) > 1 else {})
-    settings: dict[str, Any] = {"Sampling": {format_key(key): value for key, value in sampling.items()}}
-    for one in model.each:
-        ends = {**asdict(one.envelope), "estimates_held_within_N": one.force_envelope_N}
-        settings[f"Envelope of the inputs{late(one.sampling.delay_s)}"] = {
-            format_key(key): minus(f"{low:.4g} to {high:.4g}") for key, (low, high) in ends.items()
-        }
-        settings[f"Stability certificate{late(one.sampling.delay_s)}"] = one.certificate or NO_CERTIFICATE
+    ends = {**asdict(model.envelope), "estimates_held_within_N": model.force_envelope_N}
     return {
-        **settings,
+        "Sampling": {format_key(key): value for key, value in asdict(model.sampling).items()},
+        "Envelope of the inputs": {
+            format_key(key): minus(f"{low:.4g} to {high:.4g}") for key, (low, high) in ends.items()
+        },
+        "Stability certificate": model.certificate or NO_CERTIFICATE,
         "Origin": {
             **{k: v for k, v in model.provenance.items() if _fits_on_line(v) and k != USAGE_RULE},
             "model_file_sha256": model.digest(),
@@ -289,8 +269,7 @@ def _history(model: Model) -> dict[str, Any]:
     """Return the longer entries of the provenance, without those shown in sections of their own."""
     longer = {key: _without_marks(v) for key, v in model.provenance.items() if key != COSTS and not _fits_on_line(v)}
     shown = {key: value for key, value in longer.pop("selection", {}).items() if key not in SHOWN_ABOVE}
-    second = {key: longer.pop(key) for key in [DELAYED_SELECTION] if key in longer}
-    return longer | ({"selection": shown} if shown else {}) | second
+    return longer | ({"selection": shown} if shown else {})
 
 
 def _without_marks(entry: Any) -> Any:

@@ -36,7 +36,7 @@ Answers = list[tuple[str, str, str]]
 def summarize_model(model: Model, evaluations: Sequence[Evaluation], headline: str, command: str) -> Answers:
     """Return what a colleague asks first; `command` is the one that identified the model, '' if it is not known."""
     held_out = [e for e in evaluations if e.role == VALIDATION]
-    finite = [e for e in evaluations if math.isfinite(e.cost) and e.delay_s == model.sampling.delay_s]
+    finite = [e for e in evaluations if math.isfinite(e.cost)]
     own = [e for e in finite if e.role == IDENTIFICATION]
     shown = [e for e in finite if e.role == VALIDATION] if held_out else own
     answers: Answers = [("Does it fit?", f"{_judge_fit(held_out, shown, own)} {headline}".strip(), "")]

@@ -34,12 +34,9 @@ class Simulation(Protocol):
 
 @dataclass(frozen=True)
 class ModelSimulation(Simulation):
-    """The free run of a model, of those in a file the one with the longest delay, as the estimator computes it."""
+    """The free run of a model, as the estimator computes it."""
 
     model: Model
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "model", self.model.best)
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample."""

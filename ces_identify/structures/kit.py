@@ -31,7 +31,7 @@ class IdentifyOptions:
     `split` is the share of each recording to identify on. `speed` says whether the model differentiates the position
     or needs a measured speed, too: POSITION, MEASURED, or as the recordings are (`choose_motion`). Without
     `candidates`, the built-in rules of the search method apply. `rate` [Hz] fixes the ticks. `delay` [s] is how long
-    after a sample its speed is taken, or 0 and another delay for two models in one file. `weight` sets which ticks
+    after a sample its speed is taken. `weight` sets which ticks
     matter more in fit and selection. With `certificate`, only models with one (ces_observer.proof.certificate) are
     considered; the thesis' procedure considers all and gives a certificate to the model that it finds, if the proof
     succeeds. With `band`, the model gets a band (ces_observer.band). A model forgets where it was started within
@@ -42,7 +42,7 @@ class IdentifyOptions:
     candidates: CandidateRules | None = None
     limits: Limits = field(default_factory=Limits)
     rate: float | None = None
-    delay: tuple[float, ...] = (0.0,)
+    delay: float = 0.0
     certificate: bool = True
     weight: Weighting = EQUAL
     band: bool = True

@@ -17,7 +17,6 @@ from ces_data.arrays import F, Mask
 from ces_data.recording import Recording
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
 from ces_identify.prepare.cost import EQUAL, Weighting, cost
-from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, CostInterval, Evaluation
 from ces_observer.model import Model
@@ -35,18 +34,13 @@ RULE = (
 def cost_table(
     evaluations: Sequence[Evaluation], title: str = "", weighting: Weighting = EQUAL, exact: bool = True
 ) -> Table[Evaluation]:
-    """Return a table with a row for each evaluation; that of a second delay follows the first.
+    """Return a table with a row for each evaluation.
 
     Columns: use of the scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the weighted
     J if there are weights, the RMS error, the share of ticks outside the envelope, and that of measured forces inside
     the band, if the model has one. With `exact` the evaluations are those of the identification itself, whose seconds
     of estimation and selection are known.
     """
-
-    first = {(e.name, e.role): e for e in reversed(evaluations)}
-
-    def name(e: Evaluation) -> str:
-        return e.label if first[e.name, e.role] is e else f"  {delay_text(e.delay_s)}"
 
     def weighted(e: Evaluation) -> str:
         value = e.weighted_cost(weighting)
@@ -59,7 +53,7 @@ def cost_table(
         return NONE if not math.isfinite(e.rms_N) else f"{e.rms_N:.1f}" if e.rms_N < 1e4 else f"{e.rms_N:.0f}"
 
     columns: list[Column[Evaluation] | None] = [
-        Column("Recording", name, short="recording"),
+        Column("Recording", lambda e: e.name, short="recording"),
         Column("Used for", lambda e: _describe_use(e, exact), short="used for"),
         Column("J [%]", lambda e: percent(e.cost), figure=True, short="J %"),
         Column("95 % interval [%]", lambda e: interval_text(e.interval), figure=True, short="95 %"),
@@ -127,14 +121,14 @@ def compare_with_teacher(
 ) -> tuple[DistillationCosts, ...]:
     """Return the costs on evaluations with the teacher's force; `measured` are the original recordings."""
     with_force = [recording for recording in measured if "force" in recording.channels]
-    prepared = {one.sampling.delay_s: [prepare(r, one.sampling) for r in with_force] for one in model.each}
+    prepared = [prepare(r, model.sampling) for r in with_force]
     costs = []
     for e in evaluations:
-        force, both = _find_measured_force(e.series, prepared[e.delay_s]), e.series.scored
+        force, both = _find_measured_force(e.series, prepared), e.series.scored
         both = both & np.isfinite(force)
         truth, known = force[both], bool(both.sum() >= MIN_TICKS and np.ptp(force[both]) > 0.0)
         teacher, own = (cost(truth, x[both]) if known else np.nan for x in (e.series.force, e.run.force))
-        costs.append(DistillationCosts(e.label, e.role, e.cost, teacher, own))
+        costs.append(DistillationCosts(e.name, e.role, e.cost, teacher, own))
     return tuple(costs)
 
 

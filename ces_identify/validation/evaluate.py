@@ -70,7 +70,7 @@ class Evaluation:
     """The free run of a model on one series. `role` is IDENTIFICATION if fit or selection used it, else VALIDATION.
 
     `half_width` (ticks,) [N] is that of the model's band, None if it has none. `outside` are the signals that leave the
-    model's envelope. `delay_s` [s] is the model's: how long after a sample its force is known.
+    model's envelope.
     """
 
     name: str
@@ -80,17 +80,11 @@ class Evaluation:
     cost: float
     half_width: F | None = None
     outside: tuple[RangeUse, ...] = ()
-    delay_s: float = 0.0
 
     def __repr__(self) -> str:
         ends = "" if self.interval is None else f" ({self.interval.low:.2f} to {self.interval.high:.2f})"
         cost = f"J = {self.cost:.2f} %{ends}, RMS error {self.rms_N:.1f} N" if math.isfinite(self.cost) else "diverged"
-        return f"<{self.label}, {self.role}: {cost}>"
-
-    @property
-    def label(self) -> str:
-        """The name of the recording, with the delay if there is one."""
-        return self.name + late(self.delay_s)
+        return f"<{self.name}, {self.role}: {cost}>"
 
     @property
     def error(self) -> F:
@@ -141,13 +135,13 @@ class Evaluation:
     @property
     def outside_text(self) -> str:
         """The share of the time outside the envelope, with the ranges of the signals; empty if hardly any."""
-        return describe_outside(self.label, self.clamped_share, self.outside) if self.outside else ""
+        return describe_outside(self.name, self.clamped_share, self.outside) if self.outside else ""
 
     @property
     def held_text(self) -> str:
         """The share of the time with the force held at its envelope; empty if there is none."""
         scored = self.series.scored
-        return describe_held(self.label, self.run.force_envelope_N, self.series.time_s[scored], self.run.held[scored])
+        return describe_held(self.name, self.run.force_envelope_N, self.series.time_s[scored], self.run.held[scored])
 
     @property
     def coverage(self) -> float | None:
@@ -165,13 +159,8 @@ class Evaluation:
 
 
 def describe_size(model: Model) -> str:
-    """Return the sizes of the models in a file, in words."""
-    return "; ".join(one.size + late(one.sampling.delay_s) for one in model.each)
-
-
-def by_delay(evaluations: Sequence[Evaluation]) -> dict[float, list[Evaluation]]:
-    """Return the evaluations by their delay [s], the shortest first."""
-    return {d: [e for e in evaluations if e.delay_s == d] for d in sorted({e.delay_s for e in evaluations})}
+    """Return the size of a model in words, with its delay if there is one."""
+    return model.size + late(model.sampling.delay_s)
 
 
 def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:
@@ -188,7 +177,6 @@ def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluati
             cost=series_cost(one, run.force),
             half_width=None if model.band is None else band_half_width(model.band, one, run.force),
             outside=outside_ranges(model, one),
-            delay_s=model.sampling.delay_s,
         )
         for one, run in zip(series, runs, strict=True)
     ]
@@ -285,9 +273,9 @@ def explain_missing(evaluations: Sequence[Evaluation], floors: bool = True) -> l
     names: dict[str, list[str]] = {}
     for one in evaluations:
         if not math.isfinite(one.cost):
-            names.setdefault(DIVERGED, []).append(one.label)
+            names.setdefault(DIVERGED, []).append(one.name)
         elif one.interval is None:
-            names.setdefault(SHORT, []).append(one.label)
+            names.setdefault(SHORT, []).append(one.name)
         if floors and isinstance(one.noise, str):
             names.setdefault(f"no noise floor ({one.noise})", []).append(one.name)
     return [

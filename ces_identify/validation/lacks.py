@@ -97,15 +97,12 @@ class _Ticks:
 def head_lines(model: Model, evaluations: Sequence[Evaluation]) -> list[str]:
     """Return what a reader must know before the costs: no fit, what the error depends on, and what is undetermined.
 
-    Of the models in a file, the error is that of the longest delay. Recordings outside the envelope have warnings of
-    their own and do not count.
+    Recordings outside the envelope have warnings of their own and do not count.
     """
-    best = model.best
-    some = [e for e in evaluations if e.delay_s == best.sampling.delay_s and np.isfinite(e.cost)]
-    some = [e for e in some if e.clamped_share < MAX_OUTSIDE]
+    some = [e for e in evaluations if np.isfinite(e.cost) and e.clamped_share < MAX_OUTSIDE]
     own = [e for e in some if e.role == IDENTIFICATION]
     found = dependences(some)
-    lines = [describe(one, best, some) for one in found]
+    lines = [describe(one, model, some) for one in found]
     if own and (J := pooled_cost(own)) >= MISFIT:
         why = "" if found else "; no quantity explains it: check units, signs and delays"
         lines.insert(0, f"The model does not fit its own data (J = {three_figures(J)} %){why}.")

@@ -199,10 +199,10 @@ class ModelInverse:
     def from_model(cls, model: Model, source: str = "model") -> ModelInverse:
         """Compute it; raises ModelError, naming `source`, if the model's envelope does not suffice for control.
 
-        So does a model with a delay alone: the controller needs the force that is known at once.
+        So does a model with a delay: the controller needs the force that is known at once.
         """
         if delay_s := model.sampling.delay_s:
-            raise ModelError(f"{source}: forces come {delay_s:g} s late; a controller needs --delay 0 {delay_s:g}")
+            raise ModelError(f"{source}: forces come {delay_s:g} s late; a controller needs a model with --delay 0")
         return cls(compute_inverse_map(model, source), current_lag_s(model))
 
     def to_json(self) -> str:

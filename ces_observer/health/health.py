@@ -315,7 +315,7 @@ class Health:
         yield "inputs outside the envelope", f"are {damper.model.body.outside}"
         yield "position samples", str(tally.samples)
         yield "forces estimated", str(tally.estimates)
-        if damper.model.best.sampling.delay_ticks:
+        if damper.model.sampling.delay_ticks:
             yield "delayed forces estimated", str(tally.late)
         if tally.held:
             yield "forces held at the force envelope", str(tally.held)

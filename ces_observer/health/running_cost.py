@@ -102,8 +102,8 @@ class RunningCost:
 
     @classmethod
     def from_model(cls, model: Model, warn_J: float | None = None, window_s: int = 10) -> RunningCost:
-        """Return the running cost of the best model in a file; `warn_J` defaults to `default_warn_J`."""
-        low, high = model.best.force_envelope_N
+        """Return the running cost of a model; `warn_J` defaults to `default_warn_J`."""
+        low, high = model.force_envelope_N
         min_N = max(MIN_FORCE_N, MIN_FORCE_SHARE * (high - low))
         warn_J = default_warn_J(model) if warn_J is None else warn_J
         return cls(window_s, warn_J, min_N, model.sampling.max_gap_s)
@@ -194,16 +194,14 @@ class _Second:
 
 
 def default_warn_J(model: Model) -> float:
-    """Return twice the worst validation (else identification) cost in its provenance of the best model, at least 10.
+    """Return twice the worst validation (else identification) cost in its provenance, at least 10.
 
     The provenance is not checked on loading: entries that are not costs are skipped.
     """
-    rows, delay_s = model.provenance.get("cost_J_percent"), model.best.sampling.delay_s
+    rows = model.provenance.get("cost_J_percent")
     costs: dict[object, list[float]] = {}
     for row in rows if isinstance(rows, list) else ():
-        if not isinstance(row, Mapping) or row.get("delay_s", 0.0) != delay_s:
-            continue
-        if isinstance(row.get("J"), int | float) and isfinite(row["J"]):
+        if isinstance(row, Mapping) and isinstance(row.get("J"), int | float) and isfinite(row["J"]):
             costs.setdefault(row.get("role"), []).append(float(row["J"]))
     values = costs.get("validation") or costs.get("identification") or [0.0]
     return max(MIN_WARN_J, 2.0 * max(values))

@@ -52,7 +52,6 @@ class ControllerModel:
             adopt=self._adopt,
             parameter=lambda: "model",
             prefix="~/",
-            topic=settings.values["model_topic"],
             tasks=(INVERT,) if settings.values["allow_uncertified"] else (PROVE, INVERT),
         )
         self.changes = ModelChanges(node, user, settings.model_path)

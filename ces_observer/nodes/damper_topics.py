@@ -157,7 +157,7 @@ class DamperTopics:
     def _offer_late(self) -> None:
         """Offer the topics of the delayed estimates while a model with a delay runs or is about to."""
         models = (self.damper.model, self.damper.next_model)
-        if not any(model is not None and model.best.sampling.delay_ticks for model in models):
+        if not any(model is not None and model.sampling.delay_ticks for model in models):
             late, self._late = self._late, None
             if late is not None:
                 late.close()
@@ -245,15 +245,12 @@ class DamperTopics:
             half_width = damper.half_width() if self._now.has_band_listeners else None
             self._now.publish(stamp_ns, frame, damper.position, damper.speed, force, half_width)
             self._latencies_ns.append(self._clock.now() - stamp_ns)
-            if self.health.cost is not None and damper.model.delayed is None:
-                self._note_force(stamp_ns, force)
+            self._note_force(stamp_ns, force)
         if damper.late and is_active and self._late is not None:
             for one in damper.late:
                 self._late.publish(one.stamp_ns, frame, *one[1:])
-                if damper.model.delayed is None:
-                    self._latencies_ns.append(self._clock.now() - one.stamp_ns)
-                if self.health.cost is not None:  # which takes these if there are any, being the best
-                    self._note_force(one.stamp_ns, one.force)
+                self._latencies_ns.append(self._clock.now() - one.stamp_ns)
+                self._note_force(one.stamp_ns, one.force)
         if damper.reason != self._reported_reason:
             self._report_change()
         self._failing_since = None

@@ -1,6 +1,6 @@
-"""Changes the model of a running node: by its parameter `model`, its service `reload_model`, or a latched topic.
+"""Changes the model of a running node: by its parameter `model` or its service `reload_model`.
 
-The file or text is parsed at once; a parameter that names an invalid file is refused with the reason. The rest, such as
+The file is parsed at once; a parameter that names an invalid file is refused with the reason. The rest, such as
 the proof of stability, may take longer than samples can wait, so a child process does it while the old model runs. If
 it fails, the old model stays and the parameter is set back. The service answers at once what it has begun; a service
 of rclpy cannot answer later without a coroutine, which some of its executors do not await. The outcome of each request
@@ -18,14 +18,10 @@ from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.parameter import Parameter
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from ces_observer.errors import CesError, ModelError
-from ces_observer.model import MAX_BYTES, Model, load_model, parse_model
+from ces_observer.model import Model, load_model
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.model_check import ModelReload, Verdict, model_facts
 from ces_observer.nodes.outputs import LATCHED
@@ -34,7 +30,6 @@ from ces_observer.nodes.parameters import model_path, value_of
 WAITS, CHECKED, ACCEPTED, RUNS = "waits", "is being checked", "accepted", "has taken over"  # states of a request
 REFUSED, OVERTAKEN = "refused", "overtaken"
 LOG_S = 1.0  # minimum time between two log lines on refusals
-HEADER_BYTES = 16  # beside the text, in a serialised String
 
 
 @dataclass(frozen=True)
@@ -49,19 +44,18 @@ class ModelUser:
     adopt: Callable[[Verdict], str]
     parameter: Callable[[], str]
     prefix: str  # of the names of service and status
-    topic: str  # latched, with models as text; empty: none
     tasks: tuple[str, ...]  # of model_check, before a model is adopted
     require: Callable[[Model], object] = lambda model: None  # raises CesError for a model that this user cannot run
     prepare: Callable[[Model], object] = lambda model: None  # runs in a thread beside the check: samples go on
 
 
 class ModelRequest(NamedTuple):
-    """A request for another model: its number, the model, its origin, and the parameter's text (topic: empty)."""
+    """A request for another model: its number, the model, its file, and the parameter's text."""
 
     number: int
     model: Model | None
     source: str
-    text: str = ""
+    text: str
 
 
 class ModelChanges:
@@ -82,12 +76,6 @@ class ModelChanges:
         self._good_path, self._logged_s = self._read_parameter(), float("-inf")
         self._status = node.create_publisher(DiagnosticStatus, f"{user.prefix}model_status", LATCHED)
         self._service = node.create_service(Trigger, f"{user.prefix}reload_model", self._on_service)
-        self._texts: Subscription | None = None
-        if user.topic:
-            options = QoSOverridingOptions.with_default_policies()
-            self._texts = node.create_subscription(
-                String, user.topic, self._on_topic, LATCHED, raw=True, qos_overriding_options=options
-            )
 
     def values(self) -> tuple[tuple[str, str], ...]:
         """Return the key-value pairs for diagnostics."""
@@ -100,10 +88,10 @@ class ModelChanges:
             self._begin_file(text)
             return
         waiting, checking = self._waiting, self._checking  # requests by the parameter, which was set back, are void
-        if waiting is not None and waiting.text not in ("", text):
+        if waiting is not None and waiting.text != text:
             self._waiting = None
             self._report(waiting, OVERTAKEN, "the parameter was set back")
-        if checking is not None and checking.text not in ("", text):
+        if checking is not None and checking.text != text:
             self._checking = None
             self._reload.cancel()
             self._report(checking, OVERTAKEN, "the parameter was set back")
@@ -125,18 +113,16 @@ class ModelChanges:
         return True
 
     def close(self) -> None:
-        """Cancel a change in progress, and withdraw service and topics."""
+        """Cancel a change in progress, and withdraw service and topic."""
         self._waiting = self._checking = None
         self._reload.cancel()
         self._node.destroy_service(self._service)
-        if self._texts is not None:
-            self._node.destroy_subscription(self._texts)
         self._node.destroy_publisher(self._status)
 
     def _read_parameter(self) -> str:
         return str(value_of(self._node, self._user.parameter()))
 
-    def _next_request(self, model: Model | None, source: str, text: str = "") -> ModelRequest:
+    def _next_request(self, model: Model | None, source: str, text: str) -> ModelRequest:
         self._requests += 1
         return ModelRequest(self._requests, model, source, text)
 
@@ -193,7 +179,7 @@ class ModelChanges:
         else:
             if self._accepted is not None:
                 self._report(self._accepted, OVERTAKEN, f"by {request.source}")
-            self._accepted, self._good_path = request, request.text or self._good_path
+            self._accepted, self._good_path = request, request.text
             self._report(request, ACCEPTED, f"takes over {when}")
             self._node.get_logger().info(self.state)
 
@@ -207,7 +193,7 @@ class ModelChanges:
 
     def _restore_parameter(self, request: ModelRequest) -> None:
         """Set the parameter back to the running model, if it names the file of this request, which will not run."""
-        if request.text and request.text != self._good_path and request.text == self._read_parameter():
+        if request.text != self._good_path and request.text == self._read_parameter():
             self._node.set_parameters([Parameter(self._user.parameter(), value=self._good_path)])
 
     def _on_service(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -218,13 +204,6 @@ class ModelChanges:
             begun = f"request {begun.number}: {self.state}; the outcome comes on {self._status.topic_name}"
         response.message = _clean(begun)
         return response
-
-    def _on_topic(self, raw: bytes) -> None:
-        source = f"topic {self._user.topic}"
-        try:
-            self._begin(self._next_request(_parse_message(raw, source), source))
-        except CesError as error:
-            self._refuse(self._next_request(None, source), str(error))
 
     def _report(self, request: ModelRequest, state: str, detail: str = "") -> None:
         """Keep the state of a request for diagnostics, and latch it."""
@@ -240,17 +219,6 @@ class ModelChanges:
         name = f"{self._node.get_fully_qualified_name()}: request {request.number}"
         status = DiagnosticStatus(level=level, name=name, message=_clean(self.state), values=pairs)
         self._node.guard.call(lambda: self._status.publish(status))
-
-
-def _parse_message(raw: bytes, source: str) -> Model:
-    """Return the model in a serialised String; raises ModelError."""
-    if len(raw) > 4 * MAX_BYTES + HEADER_BYTES:
-        raise ModelError(f"{source}: {len(raw)} bytes; a model file has at most {MAX_BYTES}")
-    try:
-        text = deserialize_message(raw, String).data
-    except RuntimeError:
-        raise ModelError(f"{source}: the message is no std_msgs/msg/String") from None
-    return parse_model(text, source)
 
 
 def _clean(text: str) -> str:

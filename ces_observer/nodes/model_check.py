@@ -48,13 +48,12 @@ MAX_REASON_LENGTH = 2000  # characters
 
 
 def require_stable(model: Model, source: str) -> None:
-    """Prove the stability of all models in a file, whatever it claims; raises ModelError naming `source`."""
-    for one in (model, model.delayed):
-        if one is not None and not one.is_stable():
-            raise ModelError(
-                f"{source}: {one.body.unproved}; identify it again with a certificate, or set allow_uncertified: true "
-                "to run it without"
-            )
+    """Prove the stability of a model, whatever its file claims; raises ModelError naming `source`."""
+    if not model.is_stable():
+        raise ModelError(
+            f"{source}: {model.body.unproved}; identify it again with a certificate, or set allow_uncertified: true "
+            "to run it without"
+        )
 
 
 def describe_model(model: Model) -> str:
@@ -62,7 +61,7 @@ def describe_model(model: Model) -> str:
 
     Only a structure that extrapolates is proved here: the proof of a damper takes about 0.1 s.
     """
-    delay = f"; delay_s {model.best.sampling.delay_s:g}"
+    delay = f"; delay_s {model.sampling.delay_s:g}"
     text = f"{model.structure}, {model.size}{delay}; inputs outside the envelope are {model.body.outside}"
     if not model.body.extrapolates:
         return text
@@ -72,7 +71,7 @@ def describe_model(model: Model) -> str:
 
 def model_facts(model: Model) -> dict[str, str]:
     """Return the key-value pairs that name a model and what computes it, in diagnostics and on `~/model_status`."""
-    delay = f"{model.best.sampling.delay_s:g}"
+    delay = f"{model.sampling.delay_s:g}"
     return {"model sha256": model.digest(), "delay_s": delay, "computed by": core.description()}
 
 

@@ -82,7 +82,6 @@ class Observer(ManagedNode):
             adopt=topics.adopt,
             parameter=partial(governing_parameter, self, settings.prefix, "model"),
             prefix=settings.topics,
-            topic=settings.values["model_topic"],
             tasks=() if settings.values["allow_uncertified"] else (PROVE,),
             require=topics.damper.motion_for,
             prepare=Estimator,  # its numbers are kept for the model that will run

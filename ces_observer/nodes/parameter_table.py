@@ -71,8 +71,6 @@ EXECUTOR = Option(
     "events if this rclpy has it", choices=("auto", "events", "single"))
 AUTOSTART = Option(
     "autostart", True, "configure and activate at the start; false: a lifecycle manager or `ros2 lifecycle` does")
-MODEL_TOPIC = Option(
-    "model_topic", "", "latched topic (std_msgs/msg/String) with the text of models to load; empty: none")
 ALLOW_UNCERTIFIED = Option("allow_uncertified", False, "run a model whose stability cannot be proved (unsafe)")
 
 DAMPERS = "dampers"
@@ -105,7 +103,6 @@ OF_THE_NODE = (
 )
 OF_A_DAMPER = (
     tunable("model", "", "path of the model file (model.json); a new path is checked and loaded while running"),
-    MODEL_TOPIC,
     ALLOW_UNCERTIFIED,
     tunable("max_age_s", 0.5,
             "largest difference between a position's stamp and the clock at which its force is published [s]; 0: any",
@@ -139,7 +136,6 @@ FIXED = (
     tunable("model", "",
             "path of the model file (model.json) that the observer uses, too; its inverse is fed forward. If it is "
             "changed while running, the new model is checked and adopted"),
-    MODEL_TOPIC,
     ALLOW_UNCERTIFIED,
     Option("estimate_topic", "observer/estimate", "topic of the estimates (JointState: velocity, effort)"),
     Option("joint", "", "joint of the estimates to control; empty: the first in the message"),

@@ -16,5 +16,5 @@ ENTRY_POINTS = (
     "polynomial_reset", "polynomial_tick", "lagged_reset", "sigmoid_tick", "fuzzy_tick", "experts_tick",
     "recurrent_reset", "recurrent_tick", "hydraulic_reset", "hydraulic_tick", "mixture_reset", "mixture_tick",
     "structure_reset", "structure_tick", "estimator_reset", "estimator_step", "estimator_skip_late", "run_half_width",
-    "check_models", "rounding_sample",
+    "check_model", "rounding_sample",
 )  # fmt: skip

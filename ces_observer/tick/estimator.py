@@ -1,8 +1,8 @@
 """The estimator: stamped position and current in; the damping force at that sample out, or why there is none.
 
 A model with a delay estimates the force of a sample when its speed is known better, so many ticks later. Each tick
-waits in a ring with the stamp, the current and the place of the sample that began it. A model file may hold a model
-without a delay (`now`) and one with (`late`); both share the tracker. p, n, s and k are those of tracker and estimator.
+waits in a ring with the stamp, the current and the place of the sample that began it. p, n, s and k are those of
+tracker and estimator.
 """
 
 from math import isfinite, nan
@@ -17,14 +17,14 @@ from ces_observer.tick.tracker import (
     tracker_reset,
 )  # fmt: skip
 
-# n: whether there is a model without a delay; where the ring begins in s and k, and where the late estimates do
-HAS_NOW, RING_VALUES, RING_STAMPS, LATE_VALUES, LATE_STAMPS, N_ESTIMATOR_END = range(N_ESTIMATOR, N_ESTIMATOR + 6)
+# n: where the ring begins in s and k, and where the late estimates do
+RING_VALUES, RING_STAMPS, LATE_VALUES, LATE_STAMPS, N_ESTIMATOR_END = range(N_ESTIMATOR, N_ESTIMATOR + 5)
 
-# s: the force [N] at the last sample, no number if it is withheld
+# s: the force [N] at the last sample, no number if it is withheld or comes later
 FORCE, S_ESTIMATOR_END = range(S_ESTIMATOR, S_ESTIMATOR + 2)
 
-# k: the last reason, what a warm-up is for, the reason of the late model, the next place in the ring, how many ticks it
-# holds, and how many late estimates the last sample has brought
+# k: the last reason, what a warm-up is for, the reason of the last late estimate, the next place in the ring, how many
+# ticks it holds, and how many late estimates the last sample has brought
 (
     REASON, CAUSE, LATE_REASON, RING_NEXT, RING_COUNT, LATE_COUNT, K_ESTIMATOR_END,
 ) = range(K_ESTIMATOR, K_ESTIMATOR + 7)  # fmt: skip
@@ -37,36 +37,26 @@ LATE_WIDTH = 4  # of a late estimate: position [m], speed [m/s], force [N], half
 
 
 def estimator_reset(
-    p: Floats, n: Ints, s: Floats, k: Ints,
-    now_p: Floats, now_n: Ints, now_s: Floats, now_k: Ints,
-    late_p: Floats, late_n: Ints, late_s: Floats, late_k: Ints,
+    p: Floats, n: Ints, s: Floats, k: Ints, model_p: Floats, model_n: Ints, model_s: Floats, model_k: Ints
 ) -> None:  # fmt: skip
     """Bring the estimator back to new."""
     tracker_reset(p, n, s, k)
-    _restart_models(n, k, now_p, now_n, now_s, now_k, late_p, late_n, late_s, late_k)
+    _restart_model(k, model_p, model_n, model_s, model_k)
     s[FORCE] = nan
     k[LATE_COUNT] = 0
     k[REASON] = WARMING_UP
     k[CAUSE] = OK
 
 
-def _restart_models(
-    n: Ints, k: Ints, now_p: Floats, now_n: Ints, now_s: Floats, now_k: Ints,
-    late_p: Floats, late_n: Ints, late_s: Floats, late_k: Ints,
-) -> None:  # fmt: skip
+def _restart_model(k: Ints, model_p: Floats, model_n: Ints, model_s: Floats, model_k: Ints) -> None:
     k[RING_NEXT] = 0
     k[RING_COUNT] = 0
     k[LATE_REASON] = WARMING_UP
-    if n[HAS_NOW] != 0:
-        run_restart(now_p, now_n, now_s, now_k)
-    if n[DELAY] > 0:
-        run_restart(late_p, late_n, late_s, late_k)
+    run_restart(model_p, model_n, model_s, model_k)
 
 
 def estimator_step(
-    p: Floats, n: Ints, s: Floats, k: Ints,
-    now_p: Floats, now_n: Ints, now_s: Floats, now_k: Ints,
-    late_p: Floats, late_n: Ints, late_s: Floats, late_k: Ints,
+    p: Floats, n: Ints, s: Floats, k: Ints, model_p: Floats, model_n: Ints, model_s: Floats, model_k: Ints,
     stamp: int, position: float, current: float, motion: float,
 ) -> int:  # fmt: skip
     """Take a sample [ns, m, A]; return the reason, OK with the force in FORCE and the late estimates in LATE_VALUES.
@@ -86,27 +76,27 @@ def estimator_step(
             return outcome
         k[CAUSE] = outcome
         if outcome == RESTARTED:
-            _restart_models(n, k, now_p, now_n, now_s, now_k, late_p, late_n, late_s, late_k)
+            _restart_model(k, model_p, model_n, model_s, model_k)
     if n[DELAY] > 0:
         last = k[LATE_TICKS] - 1
         for i in range(k[LATE_TICKS]):
             stamped = i == last and outcome != UNSETTLED
-            _run_late(p, n, s, k, late_p, late_n, late_s, late_k, i, stamped, stamp, current)
-    reason = k[LATE_REASON]
-    if n[HAS_NOW] != 0:
-        reason = _run_now(s, k, now_p, now_n, now_s, now_k, current)
+            _run_late(p, n, s, k, model_p, model_n, model_s, model_k, i, stamped, stamp, current)
+        reason = k[LATE_REASON]
+    else:
+        reason = _run_now(s, k, model_p, model_n, model_s, model_k, current)
     if outcome == UNSETTLED and reason == OK:
         reason = WARMING_UP
     elif reason == UNBOUNDED:
         k[CAUSE] = UNBOUNDED
-    if reason == OK and n[HAS_NOW] != 0:
-        s[FORCE] = run_force(now_p, now_s, s[AHEAD])
+    if reason == OK and n[DELAY] == 0:
+        s[FORCE] = run_force(model_p, model_s, s[AHEAD])
     k[REASON] = reason
     return reason
 
 
 def _run_now(
-    s: Floats, k: Ints, now_p: Floats, now_n: Ints, now_s: Floats, now_k: Ints, current: float
+    s: Floats, k: Ints, model_p: Floats, model_n: Ints, model_s: Floats, model_k: Ints, current: float
 ) -> int:  # fmt: skip
     """Run the ticks that the sample completes; lost ones lie on the line between their neighbours."""
     count = k[TICKS]
@@ -114,15 +104,15 @@ def _run_now(
         share = float(i) / float(count)
         x = s[OLD_POSITION] + share * (s[BANK_POSITION] - s[OLD_POSITION])
         v = s[OLD_SPEED] + share * (s[BANK_SPEED] - s[OLD_SPEED])
-        if not run_advance(now_p, now_n, now_s, now_k, x, v, current):
+        if not run_advance(model_p, model_n, model_s, model_k, x, v, current):
             return UNBOUNDED
-    if count > 0 and not run_advance(now_p, now_n, now_s, now_k, s[BANK_POSITION], s[BANK_SPEED], current):
+    if count > 0 and not run_advance(model_p, model_n, model_s, model_k, s[BANK_POSITION], s[BANK_SPEED], current):
         return UNBOUNDED
-    return OK if now_k[WAIT] < 0 else WARMING_UP
+    return OK if model_k[WAIT] < 0 else WARMING_UP
 
 
 def _run_late(
-    p: Floats, n: Ints, s: Floats, k: Ints, late_p: Floats, late_n: Ints, late_s: Floats, late_k: Ints,
+    p: Floats, n: Ints, s: Floats, k: Ints, model_p: Floats, model_n: Ints, model_s: Floats, model_k: Ints,
     i: int, stamped: bool, stamp: int, current: float,
 ) -> None:  # fmt: skip
     """Put a new tick into the ring, and run the oldest one if its speed is known now; a lost tick has no stamp."""
@@ -142,11 +132,11 @@ def _run_late(
         return
     if k[RING_COUNT] < length:
         slot = 0
-    _run_oldest(p, n, s, k, late_p, late_n, late_s, late_k, i, slot)
+    _run_oldest(p, n, s, k, model_p, model_n, model_s, model_k, i, slot)
 
 
 def _run_oldest(
-    p: Floats, n: Ints, s: Floats, k: Ints, late_p: Floats, late_n: Ints, late_s: Floats, late_k: Ints,
+    p: Floats, n: Ints, s: Floats, k: Ints, model_p: Floats, model_n: Ints, model_s: Floats, model_k: Ints,
     i: int, slot: int,
 ) -> None:  # fmt: skip
     """Run late tick i with what waits at `slot` of the ring, and note its estimate."""
@@ -156,9 +146,9 @@ def _run_oldest(
     stamps = n[RING_STAMPS] + RING_WIDTH * slot
     current = s[values]
     ahead = s[values + 1]
-    if not run_advance(late_p, late_n, late_s, late_k, position, speed, current):
+    if not run_advance(model_p, model_n, model_s, model_k, position, speed, current):
         k[LATE_REASON] = UNBOUNDED
-    elif late_k[WAIT] >= 0:
+    elif model_k[WAIT] >= 0:
         k[LATE_REASON] = WARMING_UP
     else:
         k[LATE_REASON] = OK
@@ -166,8 +156,8 @@ def _run_oldest(
             at = n[LATE_VALUES] + LATE_WIDTH * k[LATE_COUNT]
             s[at] = position + ahead * p[TICK_S] * speed
             s[at + 1] = speed
-            s[at + 2] = run_force(late_p, late_s, ahead)
-            s[at + 3] = run_half_width(late_p, late_n, late_s)
+            s[at + 2] = run_force(model_p, model_s, ahead)
+            s[at + 3] = run_half_width(model_p, model_n, model_s)
             k[n[LATE_STAMPS] + k[LATE_COUNT]] = k[stamps]
             k[LATE_COUNT] += 1
 
@@ -195,24 +185,19 @@ def check_estimator(p: Floats, n: Ints, numbers: int, counts: int, states: int, 
     if states < S_ESTIMATOR_END or flags < K_ESTIMATOR_END:
         return False
     length = n[DELAY] + 1
-    fits = n[HAS_NOW] != 0 or n[DELAY] > 0
-    fits = fits and lies_within(n[RING_VALUES], RING_WIDTH * length, S_ESTIMATOR_END, states)
+    fits = lies_within(n[RING_VALUES], RING_WIDTH * length, S_ESTIMATOR_END, states)
     fits = fits and lies_within(n[RING_STAMPS], RING_WIDTH * length, K_ESTIMATOR_END, flags)
     fits = fits and lies_within(n[LATE_VALUES], LATE_WIDTH * length, S_ESTIMATOR_END, states)
     return fits and lies_within(n[LATE_STAMPS], length, K_ESTIMATOR_END, flags)
 
 
-def check_models(
+def check_model(
     p: Floats, n: Ints, numbers: int, counts: int, states: int, flags: int,
-    now_p: Floats, now_n: Ints, now_numbers: int, now_counts: int, now_states: int, now_flags: int,
-    late_p: Floats, late_n: Ints, late_numbers: int, late_counts: int, late_states: int, late_flags: int,
+    model_p: Floats, model_n: Ints, model_numbers: int, model_counts: int, model_states: int, model_flags: int,
 ) -> bool:  # fmt: skip
     """Return whether `estimator_step` stays within all arrays of these sizes, whatever its samples are."""
     small = counts > 0 and are_indices(n, 0, counts, 1, -MAX_COUNT, MAX_COUNT)  # so that no sum of them overflows
-    small = small and now_counts > 0 and are_indices(now_n, 0, now_counts, 1, -MAX_COUNT, MAX_COUNT)
-    small = small and late_counts > 0 and are_indices(late_n, 0, late_counts, 1, -MAX_COUNT, MAX_COUNT)
+    small = small and model_counts > 0 and are_indices(model_n, 0, model_counts, 1, -MAX_COUNT, MAX_COUNT)
     if not (small and check_estimator(p, n, numbers, counts, states, flags)):
         return False
-    if n[HAS_NOW] != 0 and not check_run(now_p, now_n, now_numbers, now_counts, now_states, now_flags):
-        return False
-    return n[DELAY] == 0 or check_run(late_p, late_n, late_numbers, late_counts, late_states, late_flags)
+    return check_run(model_p, model_n, model_numbers, model_counts, model_states, model_flags)

@@ -12,11 +12,10 @@ from planted import with_values
 from ces_data.findings import Finding
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import parse_rules
-from ces_identify.polynomial.search_limits import INTERRUPTED, Limits
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.simulations.band_run import band_half_width
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.structures.terms import Factor, Term
@@ -149,29 +148,13 @@ def test_weights_pull_the_model_to_their_region():
     assert weighted[2]["selection"]["weights"] == "zero_crossing:0.1=1000"
 
 
-def test_two_delays_give_two_models_of_the_same_samples_with_their_own_bands():
-    found = identify([planted(1)], [planted(3, name="fresh")], options(split=1.0, limits=QUICK, delay=(0.004, 0.0)))
-    first, later = found.model.each
-    assert later.sampling == replace(first.sampling, delay_s=0.004) and first.sampling.delay_s == 0.0
-    assert first.band is not None and later.band is not None and first.band != later.band
-    assert [(e.name, e.delay_s) for e in found.evaluations] == [
-        ("planted", 0.0), ("planted", 0.004), ("fresh", 0.0), ("fresh", 0.004)
-    ]  # fmt: skip
-    widths = [
-        band_half_width(m.band, e.series, e.run.force)
-        for m, e in zip(found.model.each, found.evaluations, strict=False)
-    ]
-    for e, width in zip(found.evaluations, widths, strict=False):
-        np.testing.assert_array_equal(e.half_width, width)
-    assert not found.evaluations[1].series.scored[-2:].any() and found.evaluations[0].series.scored[-1]
-    alone = identify([planted(1)], [planted(3, name="fresh")], options(split=1.0, limits=QUICK, delay=(0.004,)))
-    assert replace(alone.model, provenance={}) == replace(later, provenance={})
-
-
-def test_a_search_that_was_interrupted_is_the_last_one():
-    def fit(*given):
-        fitted = fit_polynomial(*given)
-        return replace(fitted, results=[replace(one, ended=INTERRUPTED) for one in fitted.results])
-
-    found = identify([planted(1)], (), options(limits=QUICK, delay=(0.0, 0.004)), fitter=fit)
-    assert found.model.delayed is None
+def test_a_model_with_a_delay_has_a_band_of_its_own_and_no_force_for_the_last_ticks():
+    now, later = (
+        identify([planted(1)], [planted(3, name="fresh")], options(split=1.0, limits=QUICK, delay=delay_s))
+        for delay_s in (0.0, 0.004)
+    )
+    assert later.model.sampling == replace(now.model.sampling, delay_s=0.004)
+    assert now.model.band is not None and later.model.band is not None and now.model.band != later.model.band
+    for e in later.evaluations:
+        np.testing.assert_array_equal(e.half_width, band_half_width(later.model.band, e.series, e.run.force))
+    assert not later.evaluations[0].series.scored[-2:].any() and now.evaluations[0].series.scored[-1]

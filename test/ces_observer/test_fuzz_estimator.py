@@ -31,11 +31,6 @@ def soon(model: Model, **changes: object) -> Model:
     return replace(model, sampling=replace(model.sampling, warm_up_s=0.003), **changes)
 
 
-def soon_and_late(delay_s: float, alone: bool = False) -> Model:
-    """Return a delayed model with a short warm-up, beside one without a delay or alone."""
-    return delayed_damper(delay_s, alone, warm_up_s=0.003)
-
-
 MODELS = {
     "polynomial": soon(plain_damper()),
     "tight": soon(plain_damper(), force_envelope_N=(-30.0, 20.0)),
@@ -44,8 +39,7 @@ MODELS = {
     "fuzzy": soon(fuzzy_model()),
     "speed": soon(plain_damper(motion="speed", motion_noise=0.01)),
     "acceleration": soon(plain_damper(motion="acceleration", motion_noise=1.0)),
-    "two": soon_and_late(0.003),
-    "late": soon_and_late(0.005, alone=True),
+    "late": delayed_damper(0.005, warm_up_s=0.003),
 }
 
 odd = st.one_of(

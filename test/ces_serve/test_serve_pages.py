@@ -160,15 +160,7 @@ def test_what_cannot_be_compared_is_said(client: FlaskClient) -> None:
     assert re.search(r'value="recordings/sine_4hz" checked', page)  # both were validated on it
 
 
-def test_the_page_of_a_file_with_two_models_shows_the_costs_of_both(tmp_path: Path) -> None:
+def test_the_page_of_a_model_with_a_delay_says_when_the_force_is_known(tmp_path: Path) -> None:
     one = described_model(4.0)
-    costs = [{"recording": "road", "role": "validation", "delay_s": d, "J": J} for d, J in ((0.0, 4.0), (0.003, 1.5))]
-    late = replace(one, sampling=replace(one.sampling, delay_s=0.003), provenance={})
-    replace(one, delayed=late, provenance={**one.provenance, "cost_J_percent": costs}).save(tmp_path / "two.json")
-    client = open_client(tmp_path)
-    page = text_of(client, "/view/model/two.json")
-    assert "at once and 3 ms later" in page
-    cells = re.findall(r"<td[^>]*>([^<]*)</td>", page)
-    assert cells[:8] == ["road", "validation", "at once", "4.00", "road", "validation", "3 ms later", "1.50"]
-    listed = text_of(client, "/list/model")
-    assert "4.00" in listed and "2.75" not in listed
+    replace(one, sampling=replace(one.sampling, delay_s=0.003)).save(tmp_path / "late.json")
+    assert "3 ms later" in text_of(open_client(tmp_path), "/view/model/late.json")

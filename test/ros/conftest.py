@@ -73,13 +73,12 @@ def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def banded_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write a model with a delay and bands."""
+    """Write a model with a band."""
     from bands import BAND
-    from damper_models import delayed_damper
+    from damper_models import plain_damper
 
     path = tmp_path_factory.mktemp("model") / "model.json"
-    model = delayed_damper(0.003, max_gap_s=0.3)
-    replace(model, band=BAND, delayed=replace(model.best, band=BAND)).save(path)
+    replace(plain_damper(max_gap_s=0.3), band=BAND).save(path)
     return path
 
 

@@ -24,15 +24,14 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Temperature
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from type_description_interfaces.srv import GetTypeDescription
 
 RELIABLE = QoSProfile(depth=100)  # best effort ones too hear it
-LATCHED_DEEP = QoSProfile(depth=100, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 ANSWER_S = 120.0
 AT_ONCE = 8  # the queues of services hold ten
 MILLION = 1_000_000
@@ -72,7 +71,6 @@ NAMES: tuple[list[str], ...] = (
     ["\n\u00e4\U0001f600..."] * 10,
     ["."] * 500,
 )
-TEXTS = ("", "{}", "[" * 100_000, "nonsense", '{"schema": NaN}', "\u00e4\U0001f600", "x" * (8 * MILLION))
 
 
 class Misuser(Party):
@@ -87,8 +85,8 @@ class Misuser(Party):
         self._clients: dict[tuple[str, str], Any] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_diagnostics, 1000)
 
-    def attack_all(self, model: str) -> Iterator[str]:
-        """Run all attacks; `model` is the text of a valid model."""
+    def attack_all(self) -> Iterator[str]:
+        """Run all attacks."""
         for name in self.nodes:
             self._read_parameters(name)
         for name in self.nodes:
@@ -97,8 +95,6 @@ class Misuser(Party):
         yield "inputs"
         self._attack_clock()
         yield "clock"
-        self._attack_models([*TEXTS[self.part], model])
-        yield "models"
         for name in self.nodes:
             self.restore(name)
         yield "parameters set back"
@@ -202,9 +198,6 @@ class Misuser(Party):
     def _set_one(self, name: str, parameter: Parameter) -> bool:
         request = SetParameters.Request(parameters=[parameter])
         return bool(self.call(name, SetParameters, "set_parameters", request)[0].results[0].successful)
-
-    def _attack_models(self, texts: Sequence[str]) -> None:
-        self._publish(String, "models", [String(data=text) for text in texts], LATCHED_DEEP)
 
     def _publish(self, kind: type, topic: str, messages: Sequence[Any], qos: QoSProfile) -> None:
         """Publish the messages and as much garbage, three times, from three publishers."""

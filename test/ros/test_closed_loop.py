@@ -1,4 +1,4 @@
-"""The launch file closed_loop.launch.py as a user starts it: the force follows a curve, the nodes a model."""
+"""The launch file closed_loop.launch.py as a user starts it: the force follows a curve."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 import numpy as np
 from conftest import MODULES
-from damper_models import plain_damper
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from node_process import NodeProcess
 from party import Party
 from rclpy.qos import QoSProfile
-from std_msgs.msg import String
 from vehicle import stamp_of, wait
-
-from ces_observer.nodes.outputs import LATCHED
 
 DEEP = QoSProfile(depth=50_000)
 RUN = 3000  # forces to be heard, one every millisecond of the rig's time
@@ -36,8 +32,6 @@ class Ears(Party):
         self.desired_N: dict[int, float] = {}
         self.measured_N: dict[int, float] = {}
         self.told: list[str] = []
-        self.models: dict[str, str] = {}  # what each damper's status tells of its model, by its name
-        self.publisher = self.node.create_publisher(String, "identify/model", LATCHED)
         hear = self.node.create_subscription
         hear(WrenchStamped, "controller/desired_force", lambda m: self._put(self.desired_N, m), DEEP)
         hear(WrenchStamped, "measured_force", lambda m: self._put(self.measured_N, m), DEEP)
@@ -50,7 +44,6 @@ class Ears(Party):
         for status in message.status:
             if status.name.startswith(f"{self.namespace}/"):
                 self.told.append(status.message)
-                self.models.update((status.name, v.value) for v in status.values if v.key == "model sha256")
 
 
 @pytest.fixture
@@ -59,18 +52,14 @@ def ears(namespace: str) -> Iterator[Ears]:
         yield made
 
 
-def test_the_force_follows_its_curve_all_follow_a_model_and_ctrl_c_ends_all(
-    laid_out: dict[str, str], ears: Ears, namespace: str
-) -> None:
+def test_the_force_follows_its_curve_and_ctrl_c_ends_all(laid_out: dict[str, str], ears: Ears, namespace: str) -> None:
     """In lockstep: then how busy the computer is with other tests does not change the force."""
-    words = [f"namespace:={namespace}", "use_sim_time:=true", "real_time_factor:=0.0", "model_topic:=identify/model"]
+    words = [f"namespace:={namespace}", "use_sim_time:=true", "real_time_factor:=0.0"]
     process = NodeProcess(["ros2", "launch", "ces_observer", "closed_loop.launch.py", *words], laid_out)
     try:
         wait(lambda: len(ears.desired_N) >= RUN or not process.is_running(), "forces to follow")
         assert "controlling" in ears.told
         assert tracking_error(ears) < MOST_ERROR
-        ears.publisher.publish(String(data=plain_damper().to_json()))
-        wait(lambda: list(ears.models.values()) == [plain_damper().digest()] * 2, "both run the model")
     finally:
         process.interrupt()
         status, output = process.ended()

@@ -1,4 +1,4 @@
-"""Another model for a running controller: by latched topic, parameter and service; without a bump, never a bad one."""
+"""Another model for a running controller: by parameter and service; without a bump, never a bad one."""
 
 from __future__ import annotations
 
@@ -20,10 +20,8 @@ from node_process import NodeProcess
 from party import Party
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64
 from vehicle import lossless_topics, wait
-
-from ces_observer.nodes.outputs import LATCHED
 
 DEEP = QoSProfile(depth=50_000)
 STEP_NS = 5_000_000  # between the stamps of estimates, whatever the time between their publishing
@@ -45,7 +43,6 @@ class Loop(Party):
         self._stamp_ns = 10**18
         self.commands: list[float] = []
         self.told: list[dict[str, str]] = []
-        self.models = self.node.create_publisher(String, "identify/model", LATCHED)
         self._estimates = self.node.create_publisher(JointState, "observer/estimate", DEEP)
         self.reloads = ModelReloads(self.node, "controller")
         self.node.create_subscription(Float64, "valve_command", lambda m: self.commands.append(m.data), DEEP)
@@ -91,7 +88,7 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop]:
         path = tmp_path_factory.mktemp("controlled") / "first.json"
         damper_with_past(0.9).save(path)
         lossless = lossless_topics(loop.namespace, ["observer/estimate"], ["valve_command"])
-        given = {"model": path, "model_topic": "identify/model", "max_age_s": 0.0, **TUNING, **CURVE, **lossless}
+        given = {"model": path, "max_age_s": 0.0, **TUNING, **CURVE, **lossless}
         node = NodeProcess.from_source(loop.namespace, given, "ces_observer.nodes.controller")
         try:
             with loop.estimating():
@@ -124,11 +121,11 @@ def test_what_cannot_be_used_is_refused_with_the_reason(loop: Loop, tmp_path: Pa
     one_way, unstable, late = (tmp_path / f"{name}.json" for name in ("one_way", "unstable", "late"))
     replace(damper_with_past(0.8), envelope=replace(damper_with_past(0.8).envelope, speed_m_s=(0.0, 2.0))).save(one_way)
     damper_with_past(1.01).save(unstable)
-    delayed_damper(0.003, alone=True).save(late)
+    delayed_damper(0.003).save(late)
     for path, reason in (
         (one_way, "a controller needs both directions"),
         (unstable, "not proved to be a contraction"),
-        (late, "forces come 0.003 s late; a controller needs --delay 0 0.003"),
+        (late, "forces come 0.003 s late; a controller needs a model with --delay 0"),
     ):
         assert loop.set_model(path) == ""  # for all that can be seen at once
         loop.hears("last change of the model", reason)

@@ -6,7 +6,8 @@ import random
 import re
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from math import inf, nan
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,10 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
+from bands import BAND
+from cpp_core import save_flat
 from cpp_package import PACKAGE, CppPackage, missing_tool
+from damper_models import delayed_damper
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_process import NodeProcess
 from parameter_answers import require_answers
@@ -26,16 +30,19 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from vehicle import DEEP, JOINT, STAMPED_CURRENT, Vehicle, lossless_topics, stamp_of, stroke, wait
 
+from ces_observer.model import load_model
+
 pytestmark = pytest.mark.skipif(bool(missing_tool()), reason=f"{missing_tool()} is missing")
 
 NODES = ("observer", "cpp_observer")
-TOPICS = ("estimate", "estimate_band", "estimate_delayed", "estimate_delayed_band")
+AT_ONCE, LATE = ("estimate", "estimate_band"), ("estimate_delayed", "estimate_delayed_band")
+TOPICS = (*AT_ONCE, *LATE)
 INPUTS = ("joint_states", "stamped_current")
 OUTPUTS = [f"{name}/{topic}" for name in NODES for topic in TOPICS]
 S = 1_000_000_000
 LISTED = (
-    *("position samples", "forces estimated", "delayed forces estimated", "messages without the field"),
-    *("position: duplicates", "jumps of time", "delay_s"),
+    *("position samples", "forces estimated", "messages without the field", "position: duplicates", "jumps of time"),
+    "delay_s",
 )
 
 
@@ -51,12 +58,12 @@ class Pair:
         for topic in ("/diagnostics", *(f"{name}/details" for name in NODES)):
             vehicle.node.create_subscription(DiagnosticArray, topic, self._hear_statuses, DEEP)
 
-    def meet(self) -> None:
-        """Wait until both nodes hear the vehicle."""
+    def meet(self, topics: Sequence[str]) -> None:
+        """Wait until both nodes hear the vehicle and offer `topics`."""
         wait(lambda: self.vehicle.position.get_subscription_count() == 2, "both nodes subscribe to position")
         for name in NODES:
             wait(
-                lambda name=name: all(self.vehicle.node.count_publishers(f"{name}/{topic}") for topic in TOPICS),
+                lambda name=name: all(self.vehicle.node.count_publishers(f"{name}/{topic}") for topic in topics),
                 f"{name} offers estimates",
             )
         time.sleep(0.5)
@@ -107,17 +114,21 @@ class Pair:
 
 @pytest.fixture
 def start_pair(
-    vehicle: Vehicle, namespace: str, package: CppPackage, banded_path: Path, flat_path: Path
+    vehicle: Vehicle, namespace: str, package: CppPackage, banded_path: Path, flat_path: Path, tmp_path: Path
 ) -> Iterator[Callable[..., Pair]]:
-    """Yield a function that starts both nodes with the same model and parameters."""
+    """Yield a function that starts both nodes with the same model, `late` with a delay, and the same parameters."""
     started: list[NodeProcess] = []
 
-    def start(**parameters: object) -> Pair:
-        pair = Pair(vehicle)
+    def start(late: bool = False, **parameters: object) -> Pair:
+        pair, model, flat = Pair(vehicle), banded_path, flat_path
+        if late:
+            model, delayed = tmp_path / "late.json", delayed_damper(0.003, max_gap_s=0.3)
+            replace(delayed, band=BAND).save(model)
+            flat = save_flat(load_model(model), tmp_path / "late.ces")
         given = {**lossless_topics(namespace, INPUTS, OUTPUTS), **parameters}
-        started.append(NodeProcess.from_source(namespace, {"model": banded_path, **given}))
-        started.append(package.start(namespace, NODES[1], {"model": flat_path, **given}))
-        pair.meet()
+        started.append(NodeProcess.from_source(namespace, {"model": model, **given}))
+        started.append(package.start(namespace, NODES[1], {"model": flat, **given}))
+        pair.meet(LATE if late else AT_ONCE)
         return pair
 
     yield start
@@ -146,13 +157,13 @@ def faulty_currents(count: int) -> Samples:
     return held + [(stamp + 30 * S, value) for stamp, value in held[-80:]]
 
 
-@pytest.mark.parametrize(("executor", "delays_ms"), [("events", (0, 0)), ("single", (20, -15))])
+@pytest.mark.parametrize(("executor", "delays_ms", "late"), [("events", (0, 0), False), ("single", (20, -15), True)])
 def test_faulty_samples_give_the_same_estimates_and_reasons(
-    start_pair: Callable[..., Pair], executor: str, delays_ms: tuple[int, int]
+    start_pair: Callable[..., Pair], executor: str, delays_ms: tuple[int, int], late: bool
 ) -> None:
     positions = faulty_positions(3000)
     delays = {f"{name}.delay": ms * 1e-3 for name, ms in zip(("position", "current"), delays_ms, strict=True)}
-    pair = start_pair(executor=executor, max_age_s=0.0, wait_for_current_s=10.0, **STAMPED_CURRENT, **delays)
+    pair = start_pair(late, executor=executor, max_age_s=0.0, wait_for_current_s=10.0, **STAMPED_CURRENT, **delays)
     events: list[tuple[int, Callable[..., None], tuple[int, float]]] = [
         *((stamp, pair.vehicle.publish_current, (stamp, value)) for stamp, value in faulty_currents(3000)),
         *((stamp, pair.vehicle.publish_position, (stamp, value)) for stamp, value in positions),
@@ -160,13 +171,13 @@ def test_faulty_samples_give_the_same_estimates_and_reasons(
     for _, publish, sample in sorted(events, key=lambda event: event[0]):
         publish(*sample)
     pair.wait_for_values("position samples", str(len(positions)))
-    for topic, key in (("estimate", "forces estimated"), ("estimate_delayed", "delayed forces estimated")):
-        python, cpp = (pair.heard[name][topic] for name in NODES)
-        wait(lambda: len(cpp) == len(python) == int(pair.values(NODES[0])[key]) > 1000, f"all {key}")  # noqa: B023
-        assert_equal_messages(python, cpp)
-        bands = [pair.heard[name][f"{topic}_band"] for name in NODES]
-        wait(lambda: len(bands[0]) == len(bands[1]) == len(python), f"all bands of {topic}")  # noqa: B023
-        assert_equal_messages(*bands)
+    topic, key = (LATE[0], "delayed forces estimated") if late else (AT_ONCE[0], "forces estimated")
+    python, cpp = (pair.heard[name][topic] for name in NODES)
+    wait(lambda: len(cpp) == len(python) == int(pair.values(NODES[0])[key]) > 1000, f"all {key}")
+    assert_equal_messages(python, cpp)
+    bands = [pair.heard[name][f"{topic}_band"] for name in NODES]
+    wait(lambda: len(bands[0]) == len(bands[1]) == len(python), f"all bands of {topic}")
+    assert_equal_messages(*bands)
     counts = [withheld(pair.values(name)) for name in NODES]
     assert counts[0] == counts[1]
     assert set(counts[0]) >= {"warming up", "position is not finite", "no usable current", "position is an outlier"}

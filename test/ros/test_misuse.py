@@ -1,4 +1,4 @@
-"""Every service, parameter and topic of all four nodes misused, while samples run at 1 kHz.
+"""Every service, parameter and topic of all three nodes misused, while samples run at 1 kHz.
 
 No node exits, the estimates go on, and each of them equals the offline replay. Each kind of executor meets half of
 the inputs, every other one.
@@ -17,14 +17,13 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from damper_models import plain_damper
 from misuse import Misuser
-from node_process import ROOT, NodeProcess, ros_args
+from node_process import NodeProcess, ros_args
 from replay import offline
 from vehicle import JOINT, STAMPED_CURRENT, Vehicle, reliable_inputs, stamp_of, stroke, wait
 
 from ces_observer.model import Model
 
 CURRENT_A = 0.5
-QUICK = {"bags": f"[{ROOT / 'bags' / 'noise'}]", "terms": 2, "starts": 1, "threads": 1}
 EXECUTORS = ("events", "single")
 
 
@@ -35,24 +34,23 @@ def damper() -> Model:
 
 @contextmanager
 def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, NodeProcess]]:
-    """Run all four nodes; the rig has topics of its own, so that the observer sees one source of samples only."""
+    """Run all three nodes; the rig has topics of its own, so that the observer sees one source of samples only."""
     model = folder / "model.json"
     damper().save(model)
     lossless = reliable_inputs(namespace, ["joint_states", "stamped_current"])
     programs = {
         "observer": (
             "ces_observer.nodes.observer",
-            {"model": model, "max_age_s": 0.0, "model_topic": "models", "snapshot_service": "''"}
+            {"model": model, "max_age_s": 0.0, "snapshot_service": "''"}
             | {"executor": executor}
             | STAMPED_CURRENT
             | lossless,
         ),
         "controller": (
             "ces_observer.nodes.controller",
-            {"model": model, "model_topic": "models", "executor": executor, "feedback": "measured"},
+            {"model": model, "executor": executor, "feedback": "measured"},
         ),
         "rig": ("ces_rig.live.node", {"executor": executor}),
-        "identify": ("ces_cli.identify.node", {**QUICK, "out": folder / "out.json"}),
     }
     rig = ["-r", "joint_states:=rig/joint_states", "-r", "measured_force:=rig/measured_force"]
     started = {}
@@ -70,14 +68,14 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
 def test_no_misuse_ends_a_node_or_changes_an_estimate(
     vehicle: Vehicle, namespace: str, executor: str, tmp_path: Path
 ) -> None:
-    names = ("observer", "controller", "rig", "identify")
+    names = ("observer", "controller", "rig")
     part = slice(EXECUTORS.index(executor), None, len(EXECUTORS))
     with running(namespace, executor, tmp_path) as nodes, Misuser(namespace, names, part) as misuser:
         vehicle.meets_node()
         current = vehicle.repeating(0.01, lambda: vehicle.publish_current(vehicle.driven[-1], CURRENT_A))
         with vehicle.driving(current=None, contiguous=True), current:
             wait(lambda: len(vehicle.estimates) > 100, "the first estimates")
-            for done in misuser.attack_all(damper().to_json()):
+            for done in misuser.attack_all():
                 dead = {name: node.ended() for name, node in nodes.items() if not node.is_running()}
                 assert not dead, done
                 before = len(vehicle.estimates)

@@ -12,11 +12,9 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from damper_models import damper_with_past
 from node_process import NodeProcess
-from std_msgs.msg import String
 from vehicle import Vehicle, reliable_inputs, stamp_of, wait
 
 from ces_observer.model import Model
-from ces_observer.nodes.outputs import LATCHED
 
 CHANGE = "last change of the model"
 MAX_GAP_S = 5.0  # with samples that a busy computer holds up
@@ -40,7 +38,7 @@ def driven(
     path = tmp_path_factory.mktemp("models") / "first.json"
     damper().save(path)
     inputs = reliable_inputs(vehicle.namespace, ["joint_states"])
-    module_start(model=path, max_age_s=0.0, model_topic="identify/model", **{"current.constant": 0.5}, **inputs)
+    module_start(model=path, max_age_s=0.0, **{"current.constant": 0.5}, **inputs)
     vehicle.meets_node()
     with vehicle.driving(contiguous=True):
         wait(lambda: bool(vehicle.estimates), "the first estimate")
@@ -77,24 +75,6 @@ def test_by_service_which_reads_the_same_file_again(driven: Vehicle, tmp_path: P
     runs(driven, model)
 
 
-def test_by_latched_topic(driven: Vehicle) -> None:
-    model = damper(0.6)
-    publisher = driven.node.create_publisher(String, "identify/model", LATCHED)
-    publisher.publish(String(data=model.to_json()))
-    runs(driven, model)
-    driven.hears_value("model", "topic identify/model")
-    before = refusals(driven)
-    for count in (1, 2):  # the same once more is an event of its own
-        publisher.publish(String(data="{}"))
-        wait(lambda told=before + count: refusals(driven) >= told, "the refusal is counted")
-    driven.hears_value(CHANGE, "refused, the old model runs on: topic identify/model: ")
-
-
-def refusals(vehicle: Vehicle) -> int:
-    """Return how many models the node says to have refused."""
-    return max(int(v.value) for s in list(vehicle.statuses) for v in s.values if v.key == "models refused")
-
-
 def test_a_file_that_is_no_model_is_refused_at_once(driven: Vehicle, tmp_path: Path) -> None:
     before = driven.gets("model")
     answer = driven.sets("model", str(tmp_path / "none.json"))
@@ -122,7 +102,15 @@ def test_the_service_says_why_it_refuses(driven: Vehicle, tmp_path: Path) -> Non
     answer = driven.reloads.call()
     assert not answer.success and UNPROVED in answer.message
     path.unlink()
-    assert "worn.json: no such model file" in driven.reloads.call().message
+    before = refusals(driven)
+    for count in (1, 2):  # the same once more is an event of its own
+        assert "worn.json: no such model file" in driven.reloads.call().message
+        wait(lambda told=before + count: refusals(driven) >= told, "the refusal is counted")
+
+
+def refusals(vehicle: Vehicle) -> int:
+    """Return how many models the node says to have refused."""
+    return max(int(v.value) for s in list(vehicle.statuses) for v in s.values if v.key == "models refused")
 
 
 def test_the_newest_of_several_wins(driven: Vehicle, tmp_path: Path) -> None:

@@ -33,8 +33,6 @@ def plain_damper(warm_up_s: float = 0.1, **sampling: Any) -> Model:
     return Model(settings, Polynomial(terms), envelope, (-8000.0, 8000.0))
 
 
-def delayed_damper(delay_s: float, alone: bool = False, **sampling: float) -> Model:
-    """Return the plain damper with a slower one whose forces come `delay_s` [s] late; `alone`: that one only."""
-    model = plain_damper(**sampling)
-    late = replace(damper_with_past(0.92), sampling=replace(model.sampling, delay_s=delay_s))
-    return late if alone else replace(model, delayed=late)
+def delayed_damper(delay_s: float, **sampling: float) -> Model:
+    """Return a slower damper whose forces come `delay_s` [s] late."""
+    return damper_with_past(0.92, delay_s=delay_s, **sampling)

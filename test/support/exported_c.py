@@ -156,11 +156,6 @@ def with_delay(model, delay_s):
     return replace(model, sampling=replace(model.sampling, delay_s=delay_s))
 
 
-def two_models(model, other, delay_s):
-    """Return a model with another one, for the same samples, whose estimates come late."""
-    return replace(model, delayed=with_delay(replace(other, sampling=model.sampling), delay_s))
-
-
 def motion_of(stamps, position):
     """Return a rough speed or acceleration: some are missing, as where none was recent enough."""
     motion = 40.0 * np.clip(np.nan_to_num(position), -1.0, 1.0) + 1e-9 * (stamps % 1_000_003)

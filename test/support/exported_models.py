@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from bands import BAND
 from constructed_models import TERMS as CONSTRUCTED
-from exported_c import two_models, with_delay
+from exported_c import with_delay
 from hydraulic_models import ENVELOPE, GROOVE, SAMPLING, hydraulic_model, make_hydraulic
 from mixture_models import mixture_model
 from physical_examples import make_valve
@@ -129,15 +129,10 @@ MODELS = {
     "a delay, slow ticks": lambda: with_delay(make(*LAGS, rate_Hz=400.0), 0.0025),
     "a delay, overflowing": lambda: with_delay(make(*OVERFLOWING, warm_up_s=0.0), 0.001),
     "a delay, measured speed": lambda: with_delay(make(*PLAIN, **SPEED), 0.004),
-    "two models": lambda: two_models(make(*PLAIN), replace(make(*LAGS), band=BAND), 0.003),
-    "two models, both with a band": lambda: two_models(*[replace(make(*CONSTRUCTED), band=BAND)] * 2, 0.02),
-    "two models, measured acceleration": lambda: two_models(make(*POWERS, **ACCELERATION), make(*PLAIN), 0.002),
-    "two models of other structures": lambda: two_models(fuzzy_model(), network_model(), 0.001),
-    "two hydraulic models": lambda: two_models(
-        hydraulic_model(make_hydraulic(make_valve(0.3), bypass=GROOVE)),
-        hydraulic_model(make_hydraulic(PLAIN_VALVE, mount_m_N=0.0)),
-        0.006,
-    ),
+    "a delay, constructed inputs": lambda: with_delay(replace(make(*CONSTRUCTED), band=BAND), 0.02),
+    "a delay, measured acceleration": lambda: with_delay(make(*POWERS, **ACCELERATION), 0.002),
+    "a delay, network": lambda: with_delay(network_model(), 0.001),
+    "a delay, hydraulic": lambda: with_delay(hydraulic_model(make_hydraulic(PLAIN_VALVE, mount_m_N=0.0)), 0.006),
     "network": network_model,
     "network of one input without units": lambda: network_model(
         replace(NETWORK, regressors=ONE_INPUT, linear=(0.7,), units=())

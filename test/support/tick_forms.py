@@ -148,7 +148,7 @@ def _steps(outputs: tuple[NDArray, ...], known: int) -> Steps:
 
 
 def arrays_of(model: Model) -> list[NDArray]:
-    """Return the twelve arrays of the estimator."""
+    """Return the eight arrays of the estimator."""
     kinds = (float, np.int64, float, np.int64)
     return [np.array(a, kind) for part in lay_out_estimator(model) for a, kind in zip(part, kinds, strict=True)]
 
@@ -162,7 +162,7 @@ def run_extension(core: Any, model: Model, samples: Samples) -> Steps:
     """Run the same loop around functions of a compiled extension of CPython."""
     arrays = [array("q" if part.dtype == np.int64 else "d", part.tobytes()) for part in arrays_of(model)]
     calls = {}
-    for name, which in (("estimator_reset", range(12)), ("estimator_step", range(12)), ("run_half_width", (4, 5, 6))):
+    for name, which in (("estimator_reset", range(8)), ("estimator_step", range(8)), ("run_half_width", (4, 5, 6))):
         bound, skipped = core.bind(name, *(arrays[i] for i in which)), len(which)
         calls[name] = lambda *arguments, bound=bound, skipped=skipped: bound(*arguments[skipped:])
     loop = FunctionType(tick_loop.run_samples.__code__, {**vars(tick_loop), **calls})
@@ -192,7 +192,7 @@ def core_texts() -> tuple[str, str]:
     """Return header and source of the core with the loop in it."""
     folder = Path(tick.__path__[0])
     texts = {name: (folder / f"{name}.py").read_text() for name in tick.MODULES}
-    core = Core({**texts, "tick_loop": inspect.getsource(tick_loop)}, ["run_samples", "check_models"])
+    core = Core({**texts, "tick_loop": inspect.getsource(tick_loop)}, ["run_samples", "check_model"])
     return core.header, core.source
 
 

@@ -44,8 +44,8 @@ public:
     } catch (const ces::UserError & error) {
       return refuse(error.what());
     }
-    if (!model->has_now) {
-      return refuse(given.model + ": gives its forces after a delay only; expected one with a force at each sample");
+    if (model->delay_ticks) {
+      return refuse(given.model + ": gives its forces after a delay; expected a model with a force at each sample (--delay 0)");
     }
     inputs_[ces::POSITION] = {given.joint + "/position", given.position.scale, given.position.offset};
     const auto constant = given.current.constant;

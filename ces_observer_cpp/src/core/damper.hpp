@@ -96,7 +96,7 @@ public:
       }
     }
     take_late(now);
-    // A model with a delay alone has no force here, but is well after its warm-up.
+    // A model with a delay has no force here, but is well after its warm-up.
     const bool is_well = force || estimator_->reason() != Reason::OK;
     reason_ = find_reason(is_well ? force : std::optional<double>(0.0));
     if (reason_ != Reason::OK) {

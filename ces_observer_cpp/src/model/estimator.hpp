@@ -21,21 +21,21 @@ class Estimator {
   auto call(Function function, Values... values) {
     const auto & m = *model_;
     return function(
-      m.sampling.p.data(), m.sampling.n.data(), sampling_.s.data(), sampling_.k.data(), m.now.p.data(), m.now.n.data(),
-      now_.s.data(), now_.k.data(), m.late.p.data(), m.late.n.data(), late_.s.data(), late_.k.data(), values...);
+      m.sampling.p.data(), m.sampling.n.data(), sampling_.s.data(), sampling_.k.data(),
+      m.structure.p.data(), m.structure.n.data(), structure_.s.data(), structure_.k.data(), values...);
   }
 
 public:
   // It holds the model; nothing is allocated later.
   explicit Estimator(ModelPtr model)
-  : model_(std::move(model)), sampling_(model_->sampling), now_(model_->now), late_(model_->late) {reset();}
+  : model_(std::move(model)), sampling_(model_->sampling), structure_(model_->structure) {reset();}
 
   void reset() {call(ces_estimator_reset);}
 
-  // The force [N] at `stamp`, or nothing with `reason` set; a model with a delay alone has none, and the reason is OK.
+  // The force [N] at `stamp`, or nothing with `reason` set; a model with a delay has none, and the reason is OK.
   std::optional<double> step(Nanoseconds stamp, double position_m, double current_A, double motion) {
     const bool is_ok = call(ces_estimator_step, stamp, position_m, current_A, motion) == CES_OK;
-    return is_ok && model_->has_now ? std::optional<double>(sampling_.s[CES_FORCE]) : std::nullopt;
+    return is_ok && !model_->delay_ticks ? std::optional<double>(sampling_.s[CES_FORCE]) : std::nullopt;
   }
 
   // Call `visit` with each estimate of an earlier sample that the last step has brought.
@@ -55,19 +55,19 @@ public:
 
   const ModelPtr & model() const {return model_;}
   Reason reason() const {return static_cast<Reason>(sampling_.k[CES_REASON]);}
-  // Whether `step` has just given all forces that the model estimates.
-  bool is_warm() const {return reason() == Reason::OK && (model_->delay_ticks == 0 || late_count() > 0);}
+  // Whether `step` has just given a force, at once or of an earlier sample.
+  bool is_warm() const {return reason() == Reason::OK && (!model_->delay_ticks || late_count() > 0);}
   // What a warm-up is for.
   const char * cause() const {return sampling_.k[CES_CAUSE] ? REASON_TEXTS[index(sampling_.k[CES_CAUSE])] : "";}
   double position() const {return sampling_.s[CES_TRACK_POSITION];}
   double speed() const {return sampling_.s[CES_TRACK_SPEED];}
-  bool is_clamped() const {return own().k[CES_CLAMPED] != 0;}
-  bool is_held() const {return own().k[CES_HELD] != 0;}
+  bool is_clamped() const {return structure_.k[CES_CLAMPED] != 0;}
+  bool is_held() const {return structure_.k[CES_HELD] != 0;}
 
   // The half-width [N] of the band around the force of the last step; not finite without a band.
   double half_width() const {
-    const auto & now = model_->now;
-    return model_->has_now ? ces_run_half_width(now.p.data(), now.n.data(), now_.s.data()) : NOT_A_NUMBER;
+    const auto & m = model_->structure;
+    return model_->delay_ticks ? NOT_A_NUMBER : ces_run_half_width(m.p.data(), m.n.data(), structure_.s.data());
   }
 
 private:
@@ -80,11 +80,10 @@ private:
 
   static std::size_t index(std::int64_t place) {return static_cast<std::size_t>(place);}
 
-  const State & own() const {return model_->has_now ? now_ : late_;}
   std::int64_t late_count() const {return sampling_.k[CES_LATE_COUNT];}
 
   ModelPtr model_;
-  State sampling_, now_, late_;
+  State sampling_, structure_;
 };
 
 }  // namespace ces

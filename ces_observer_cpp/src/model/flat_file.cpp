@@ -1,5 +1,5 @@
 // The layout, little endian: "CES-FLAT", version, length of the text; lines key=value, filled up to 8 bytes with zeros;
-// for sampling, now and late: sizes of p, n, s and k, then p and n; CRC-32 of all before. `ces_identify/export/
+// for sampling and structure: sizes of p, n, s and k, then p and n; CRC-32 of all before. `ces_identify/export/
 // flat_file.py` writes it.
 #include "model/flat_file.hpp"
 
@@ -9,7 +9,6 @@
 #include <fstream>
 #include <map>
 #include <sstream>
-#include <tuple>
 
 #include "ces_core.h"
 #include "from_python.hpp"
@@ -21,7 +20,7 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && sizeof(double) == 8);
 
 constexpr std::streamoff MAX_BYTES = 16 << 20;
 constexpr std::size_t HEAD_BYTES = 16, CRC_BYTES = 4;
-constexpr std::uint32_t VERSION = 1;
+constexpr std::uint32_t VERSION = 2;
 constexpr const char * AGAIN = "; copy it again, or write it with `ces export model.json --out NAME.ces`";
 
 std::uint32_t crc32(const std::string & bytes, std::size_t count) {
@@ -53,8 +52,7 @@ public:
     model->path = path_;
     read_text(*model);
     read_arrays(model->sampling, "sampling");
-    read_arrays(model->now, "now");
-    read_arrays(model->late, "late");
+    read_arrays(model->structure, "structure");
     if (at_ != end_) {refuse("has " + std::to_string(end_ - at_) + " bytes too many");}
     check(*model);
     if (!model->is_proved && !allow_uncertified) {
@@ -155,18 +153,15 @@ private:
 
   // Let the core check sizes and indices, and find what depends on them.
   void check(Model & model) const {
-    const auto & [a, b, c] = std::tie(model.sampling, model.now, model.late);
+    const auto & a = model.sampling, & b = model.structure;
     const auto size = [](std::size_t count) {return static_cast<std::int64_t>(count);};
-    const bool fits = ces_check_models(
+    const bool fits = ces_check_model(
       a.p.data(), a.n.data(), size(a.p.size()), size(a.n.size()), size(a.states), size(a.flags),
-      b.p.data(), b.n.data(), size(b.p.size()), size(b.n.size()), size(b.states), size(b.flags),
-      c.p.data(), c.n.data(), size(c.p.size()), size(c.n.size()), size(c.states), size(c.flags));
+      b.p.data(), b.n.data(), size(b.p.size()), size(b.n.size()), size(b.states), size(b.flags));
     if (!fits) {refuse("its sizes and indices do not fit together");}
-    model.has_now = a.n[CES_HAS_NOW] != 0;
     model.delay_ticks = static_cast<std::size_t>(a.n[CES_DELAY]);
-    const auto & own = model.has_now ? b : c;
-    model.delay = to_ns(static_cast<double>(model.delay_ticks) / own.p[CES_RATE]);
-    model.warm_up_s = static_cast<double>(own.n[CES_WARM_UP]) / own.p[CES_RATE];
+    model.delay = to_ns(static_cast<double>(model.delay_ticks) / b.p[CES_RATE]);
+    model.warm_up_s = static_cast<double>(b.n[CES_WARM_UP]) / b.p[CES_RATE];
   }
 
   std::string path_, bytes_;

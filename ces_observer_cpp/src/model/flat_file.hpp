@@ -30,13 +30,12 @@ struct Arrays {
 struct Model {
   std::string path, digest, size, outside, claim;  // outside: what becomes of inputs outside the envelope
   bool extrapolates = false, is_proved = false;
-  bool has_now = true;  // a force at once; else with the delay only
   Motion motion = NO_MOTION_SIGNAL;
   double stroke_min_m = 0.0, stroke_max_m = 0.0, delay_s = 0.0, max_gap_s = 0.0, max_current_age_s = 0.0;
   double warm_up_s = 0.0;
-  std::size_t delay_ticks = 0;  // of the delayed force; 0: there is none
+  std::size_t delay_ticks = 0;  // of the delayed force; 0: the force comes at once
   Nanoseconds delay = 0;
-  Arrays sampling, now, late;
+  Arrays sampling, structure;
 };
 
 using ModelPtr = std::shared_ptr<const Model>;

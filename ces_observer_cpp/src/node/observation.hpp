@@ -198,8 +198,7 @@ private:
       if (now_.publish(now, frame)) {health.latency.take(clock_.now() - stamp);}
     }
     for (const auto & one : damper.late()) {
-      const bool is_published = late_ && late_->publish(one, frame);
-      if (is_published && !damper.model().has_now) {health.latency.take(clock_.now() - one.stamp);}
+      if (late_ && late_->publish(one, frame)) {health.latency.take(clock_.now() - one.stamp);}
     }
     failing_since_ = 0;
     on_change_();

@@ -45,9 +45,7 @@ inline void warn_of_unknown(Node & node) {
   for (const auto & [name, value] : node.get_node_parameters_interface()->get_parameter_overrides()) {
     const auto group = name.substr(0, name.find('.'));
     const bool is_python = std::count(std::begin(PYTHON_ONLY), std::end(PYTHON_ONLY), group);
-    const bool is_empty = value == rclcpp::ParameterValue("");
-    const bool is_other = group == "qos_overrides" || (name == "model_topic" ? is_empty : is_python);
-    if (!is_other && !node.has_parameter(name)) {unknown.push_back(quote(name));}
+    if (group != "qos_overrides" && !is_python && !node.has_parameter(name)) {unknown.push_back(quote(name));}
   }
   if (unknown.empty()) {return;}
   RCLCPP_WARN(node.get_logger(), "parameters unknown and ignored: %s", join(unknown, ", ").c_str());

@@ -14,7 +14,7 @@ from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.recording import Channel, Recording
 from ces_data.signals_file import load_signals
 from ces_identify.simulations.simulate import sample_force
-from ces_observer.model import Model, load_model
+from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")]
@@ -47,7 +47,7 @@ def write_ride(path: Path, signals: Signals, seed: int) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the working folder: two bags, signals files, and `two.json` with a report, identified without a motion."""
+    """Return the working folder: two bags, signals files, and models with and without a delay and without a motion."""
     where = tmp_path_factory.mktemp("bags")
     (where / "all.yaml").write_text(SIGNALS)
     (where / "acceleration.yaml").write_text(ACCELERATION_ONLY)
@@ -57,14 +57,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(where)
         patch.setattr(*NO_SHORT_FITS)
-        words = ("one", "--validate", "road", "--signals", "none.yaml", "--report", "two.html", "--out", "two.json")
-        assert ces("identify", *words, *QUICK, "--delay", 0, 0.003) == 0
+        words = ("one", "--validate", "road", "--signals", "none.yaml", *QUICK)
+        assert ces("identify", *words, "--out", "now.json") == 0
+        assert ces("identify", *words, "--report", "late.html", "--out", "late.json", "--delay", 0.003) == 0
         yield where
-
-
-@pytest.fixture(scope="module")
-def two(folder: Path) -> Model:
-    return load_model(folder / "two.json")
 
 
 @pytest.mark.parametrize(("signals", "motion"), [("all", "speed"), ("acceleration", "acceleration"), ("none", "")])
@@ -86,33 +82,28 @@ def test_the_model_says_where_its_speed_comes_from_and_replay_follows(
     np.testing.assert_allclose(replayed.values, expected[np.isfinite(expected)], rtol=1e-9, atol=1e-9)
 
 
-def test_two_delays_give_two_models_of_the_same_samples_in_one_file(folder: Path, two: Model) -> None:
-    assert two.delayed is not None
-    assert two.delayed.sampling == replace(two.sampling, delay_s=0.003)
-    assert two.certificate is not None and two.delayed.certificate is not None
-    costs = {(row["recording"], row["delay_s"]): row["J"] for row in two.provenance["cost_J_percent"]}
-    assert list(costs) == [("one", 0.0), ("one", 0.003), ("road", 0.0), ("road", 0.003)]
-    assert all(costs[name, 0.003] < 0.75 * costs[name, 0.0] for name in ("one", "road"))
-    page = (folder / "two.html").read_text(encoding="utf-8")
-    assert "Recordings (3 ms later)" in page and f"{costs['road', 0.003]:.3g} % (road)" in page
+def test_with_a_delay_the_speed_is_known_better(folder: Path) -> None:
+    now, late = (load_model(folder / f"{name}.json") for name in ("now", "late"))
+    assert late.sampling == replace(now.sampling, delay_s=0.003) and late.certificate is not None
+    costs = [{row["recording"]: row["J"] for row in one.provenance["cost_J_percent"]} for one in (now, late)]
+    assert all(costs[1][name] < 0.75 * costs[0][name] for name in ("one", "road"))
+    page = (folder / "late.html").read_text(encoding="utf-8")
+    assert f"Validation, 3 ms later: cost J = {costs[1]['road']:.3g} % (road)" in page and "<dt>Delay</dt>" in page
 
 
-def test_validate_and_compare_show_both_models(
-    folder: Path, two: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ("validate", "two.json", "road", "--certificate", "--signals", "none.yaml")
+def test_validate_and_compare_name_the_delay(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("validate", "late.json", "road", "--certificate", "--signals", "none.yaml")
     document, text = document_of(capsys, *words), text_of(capsys, *words)
-    stored = [row["J"] for row in two.provenance["cost_J_percent"] if row["recording"] == "road"]
-    assert [row["J_percent"] for row in document["recordings"]] == pytest.approx(stored, abs=1e-4)
-    assert document["certificate"]["proved"] and document["certificate"]["delayed"]["proved"]
-    assert (document["model"]["delay_s"], document["model"]["delayed"]["delay_s"]) == (0.0, 0.003)
-    rows = [line.split() for line in text.splitlines() if " test " in line]
-    assert [row[: row.index("test")] for row in rows] == [["road"], ["3", "ms", "later"]]
-    compared = document_of(capsys, "compare", "two.json", "road", "--signals", "none.yaml")
-    assert [(m["name"], m["delay_s"]) for m in compared["models"]] == [("two", 0.0), ("two 3 ms later", 0.003)]
-    assert [m["pooled"]["J_percent"] for m in compared["models"]] == pytest.approx(stored, rel=0.02)
-    assert [m["costs"][0]["use"] for m in compared["models"]] == ["test", "test"]
-    assert ces("compare", "two.json", "road", "--signals", "none.yaml", "--report", tmp_path / "c.html") == 0
+    (stored,) = [
+        row["J"] for row in load_model(folder / "late.json").provenance["cost_J_percent"] if row["recording"] == "road"
+    ]
+    assert [row["J_percent"] for row in document["recordings"]] == pytest.approx([stored], abs=1e-4)
+    assert document["certificate"]["proved"] and document["model"]["delay_s"] == 0.003
+    assert "terms (3 ms later)" in text
+    files = ("now.json", "late.json", "road", "--signals", "none.yaml")
+    compared = document_of(capsys, "compare", *files)
+    assert [(m["name"], m["delay_s"]) for m in compared["models"]] == [("now", 0.0), ("late", 0.003)]
+    assert ces("compare", *files, "--report", tmp_path / "c.html") == 0
     assert "Delay<br />[ms]" in (tmp_path / "c.html").read_text(encoding="utf-8")
 
 
@@ -121,9 +112,6 @@ def test_validate_and_compare_show_both_models(
     [
         ("--delay 0.0105", "--delay 0.0105: expected whole ticks of 0.001 s (the model's rate is 1000 Hz)"),
         ("--delay 0.021", "argument --delay: found '0.021'; expected a number from 0 to 0.02 s"),
-        ("--delay 0 0.001 0.002", "--delay 0 0.001 0.002: expected one delay, or 0 and another"),
-        ("--delay 0.001 0.002", "--delay 0.001 0.002: expected one delay, or 0 and another"),
-        ("--delay 0 0.003 --folds 2", "--folds takes one --delay"),
     ],
 )
 def test_mistakes_end_with_one_line(

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import zipfile
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
@@ -20,15 +19,11 @@ SPEED = Factor("speed", 0)
 FIRST = Factor("force", 1)
 
 
-def model_file(path, past=0.8, late_past=None):
-    """Write a model, with a delayed one of this past beside it if it is given."""
+def model_file(path, past=0.8, delay_s=0.0):
+    """Write a model."""
     terms = (Term(past, (FIRST,)), Term(900.0, (SPEED,)), Term(100.0, (SPEED, Factor("current", 3))))
     envelope = Envelope((-0.1, 0.1), (-2.0, 2.0), (0.0, 2.0))
-    model = Model(make_sampling(outlier_m=0.02), Polynomial(terms), envelope, (-3e4, 3e4))
-    if late_past is not None:
-        late = replace(model, sampling=replace(model.sampling, delay_s=0.003))
-        body = Polynomial((Term(late_past, (FIRST,)), *terms[1:]))
-        model = replace(model, delayed=replace(late, body=body))
+    model = Model(make_sampling(outlier_m=0.02, delay_s=delay_s), Polynomial(terms), envelope, (-3e4, 3e4))
     model.save(path)
     return path
 
@@ -80,14 +75,11 @@ def test_an_unstable_model_needs_an_option_and_gives_a_warning(tmp_path, capsys)
     assert "NOT PROVED" in (tmp_path / "m.h").read_text()
 
 
-def test_a_delayed_model_comes_with_the_other_and_must_be_proved_too(tmp_path, capsys):
-    words = (model_file(tmp_path / "m.json", late_past=1.01), "--out", tmp_path / "m.c")
-    assert "cannot be proved (the gains of the past forces may sum to 1.01; expected" in error_line(capsys, *words)
-    assert export(model_file(tmp_path / "m.json", late_past=0.7), "--out", tmp_path / "m.c") == 0
+def test_the_header_of_a_model_with_a_delay_says_when_its_estimates_come(tmp_path):
+    assert export(model_file(tmp_path / "m.json", delay_s=0.003), "--out", tmp_path / "m.c") == 0
     header = (tmp_path / "m.h").read_text()
-    assert "With it another model, 3 terms, whose estimates come 0.003 s later." in header
-    assert "This holds for the other model, too" in " ".join(header.replace("\n *", " ").split())
     assert "#define M_DELAY_TICKS 3U" in header
+    assert "Returns M_OK if there are forces of earlier samples" in header
 
 
 def test_the_certificate_in_the_file_is_not_trusted(tmp_path, capsys):
@@ -143,7 +135,7 @@ def test_a_flat_file_by_its_suffix(tmp_path, capsys):
     assert "rear-damper.ces: flat file rear_damper, 3 terms, " in capsys.readouterr().out
     lines = (tmp_path / "rear-damper.ces").read_bytes().split(b"\n")
     assert f"model={load_model(tmp_path / 'm.json').digest()}".encode() in lines
-    assert {b"name=rear_damper", b"proved=1", b"has_now=1"} <= set(lines)
+    assert {b"name=rear_damper", b"proved=1", b"delay_s=0.0"} <= set(lines)
     assert "exists; choose another name" in error_line(capsys, *words)
     assert export(*words, "--overwrite") == 0
 

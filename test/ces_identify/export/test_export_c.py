@@ -19,7 +19,7 @@ from ces_observer.reasons import REASONS
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.tick.tracker import RESTARTED
 
-NAMES = ["plain, with a band", "two models, measured acceleration", "hydraulic", "rules", "recurrent"]
+NAMES = ["plain, with a band", "a delay, measured acceleration", "hydraulic", "rules", "recurrent"]
 
 
 def write(folder, model, name="model"):
@@ -84,14 +84,14 @@ def test_a_core_of_another_version_is_refused_by_the_compiler(tmp_path) -> None:
     assert "another version of ces_observer than this file: export all models again" in done.stderr
 
 
-@pytest.mark.parametrize("name", ["plain, with a band", "two models", "rules", "hydraulic"])
+@pytest.mark.parametrize("name", ["plain, with a band", "a delay", "rules", "hydraulic"])
 def test_a_model_file_gives_the_same_code(name) -> None:
     model = MODELS[name]()
     code = export_c(model, "m", "m", UNPROVED)
     assert list(code) == ["m.c", "m.h", "ces_core.c", "ces_core.h"]
     assert export_c(parse_model(model.to_json(), "model.json"), "m", "m", UNPROVED) == code
-    assert ("m_half_width" in code["m.h"]) == (model.band is not None)
-    assert ("m_estimate" in code["m.h"]) == (model.delayed is not None)
+    assert ("m_half_width" in code["m.h"]) == (model.band is not None and not model.sampling.delay_s)
+    assert ("m_estimate" in code["m.h"]) == (model.sampling.delay_s > 0.0)
 
 
 def test_the_reasons_are_the_estimators() -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from compiled_core import build_core
-from exported_c import a_million_samples, as_samples, hostile, rough_samples, two_models
-from exported_models import LAGS, MODELS, PLAIN, make
+from exported_c import a_million_samples, as_samples, hostile, rough_samples, with_delay
+from exported_models import MODELS, PLAIN, make
 from tick_forms import (
     Samples,
     assert_equal_bits,
@@ -25,12 +25,12 @@ from ces_observer.tick.tracker import OK, UNBOUNDED
 pytestmark = [pytest.mark.slow, pytest.mark.needs("cc")]
 PYTHON_COUNT = 20_000  # of the samples: CPython is slow
 LONG = {
-    "two polynomials": lambda: two_models(make(*PLAIN), make(*LAGS), 0.003),
+    "a delay, polynomial": lambda: with_delay(make(*PLAIN), 0.003),
     **{
         name: MODELS[name]
         for name in (
-            *("hydraulic", "two models of other structures", "recurrent", "measured speed"),
-            *("constructed inputs", "two models, measured acceleration"),
+            *("hydraulic", "a delay, network", "rules", "recurrent", "measured speed"),
+            *("constructed inputs", "a delay, measured acceleration"),
         )
     },
 }
@@ -57,7 +57,7 @@ def test_all_models_give_the_same_in_every_form(core, extension, tmp_path, name)
     assert_equal_bits(run_numba(model, samples), expected, "Numba")
     exported = compile_export(tmp_path, model)
     assert_equal_bits(run_export(exported, samples), expected, "exported C")
-    assert len(expected.later) > 1000 if model.best.sampling.delay_s else not len(expected.later)
+    assert len(expected.later) > 1000 if model.sampling.delay_s else not len(expected.later)
     force = expected.rows[:, 0]
     np.testing.assert_array_equal(np.isnan(force), (expected.reasons != OK) | bool(model.sampling.delay_s))
     inputs = np.column_stack(hostile(3000, 1))
@@ -93,6 +93,6 @@ def _compare_fmu(folder, model, core, samples) -> None:
         np.testing.assert_array_equal(found["valid"], ok)
         np.testing.assert_array_equal(found["force"], np.where(ok, expected.rows[:-1, 0], 0.0))
     if "force_delayed" in found:
-        valid = found["valid_delayed" if "force" in found else "valid"] != 0
+        valid = found["valid"] != 0
         assert np.isin(found["force_delayed"][valid], expected.later[:, 2]).all()
         assert valid.mean() > 0.2

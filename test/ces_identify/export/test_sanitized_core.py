@@ -9,7 +9,7 @@ from exported_c import rough_samples
 from exported_models import MODELS
 from tick_forms import STRICT, Samples, arrays_of, core_texts
 
-from ces_observer.tick.estimator import check_models
+from ces_observer.tick.estimator import check_model
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("cc")]
 SANITIZERS = "address,undefined,float-cast-overflow,float-divide-by-zero"
@@ -44,22 +44,22 @@ int main(int argc, char **argv)
     double *rows = malloc(5 * count * 8), *later = malloc(8 * 4 * count);
     int64_t *reasons = malloc(count * 8), *later_stamps = malloc(count * 8);
     for (int64_t i = 0; i < head[0]; i++) {
-        void *a[12];
-        int64_t size[12];
-        for (int j = 0; j < 12; j++) {
+        void *a[8];
+        int64_t size[8];
+        for (int j = 0; j < 8; j++) {
             int64_t *length = take(file, 1, 8);
             size[j] = *length;
             free(length);
             a[j] = take(file, (size_t)size[j], 8);
         }
-        if (ces_check_models(a[0], a[1], size[0], size[1], size[2], size[3], a[4], a[5], size[4], size[5], size[6],
-                size[7], a[8], a[9], size[8], size[9], size[10], size[11])) {
-            (void)ces_run_samples(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], head[1],
+        if (ces_check_model(a[0], a[1], size[0], size[1], size[2], size[3], a[4], a[5], size[4], size[5], size[6],
+                size[7])) {
+            (void)ces_run_samples(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], head[1],
                 stamps, inputs, rows, reasons, later_stamps, later);
         } else {
             refused++;
         }
-        for (int j = 0; j < 12; j++) {
+        for (int j = 0; j < 8; j++) {
             free(a[j]);
         }
     }
@@ -92,7 +92,7 @@ def program(tmp_path_factory):
 
 
 def run(program, folder, cases, samples: Samples) -> int:
-    """Run cases, each twelve arrays; return how many were refused. The program fails at the first report."""
+    """Run cases, each eight arrays; return how many were refused. The program fails at the first report."""
     with (folder / "cases").open("wb") as file:
         file.write(np.array([len(cases), len(samples.stamps)]).tobytes())
         file.write(samples.stamps.tobytes() + np.ascontiguousarray(samples.inputs).tobytes())
@@ -114,12 +114,12 @@ def mutate(arrays, dice: random.Random):
     """Return a copy with one to three wrong whole numbers, and sometimes an array that ends too early."""
     copy = [array.copy() for array in arrays]
     for _ in range(dice.choice((1, 1, 2, 3))):
-        counts = copy[dice.choice([j for j in (1, 5, 9) if len(copy[j]) > 1])]
+        counts = copy[dice.choice([j for j in (1, 5) if len(copy[j]) > 1])]
         at = dice.randrange(len(counts))
         near = max(-(2**62), min(int(counts[at]), 2**62)) + dice.choice((-1, 1, 2, -7, 40))
         counts[at] = dice.choice((near, dice.randrange(-3, 300), dice.choice((*WILD, -1))))
     if dice.random() < 0.2:
-        j = dice.choice([j for j in range(12) if len(copy[j]) > 1])
+        j = dice.choice([j for j in range(8) if len(copy[j]) > 1])
         copy[j] = copy[j][: -dice.randrange(1, min(9, len(copy[j])))]
     return copy
 
@@ -136,7 +136,7 @@ def test_wrong_counts_are_refused_or_harmless(program, tmp_path, name) -> None:
     lists = [[array.tolist() for array in case] for case in cases]
     sizes = [list(map(len, case)) for case in lists]
     checked = [
-        check_models(*(x for j in (0, 4, 8) for x in (case[j], case[j + 1], *size[j : j + 4])))
+        check_model(*(x for j in (0, 4) for x in (case[j], case[j + 1], *size[j : j + 4])))
         for case, size in zip(lists, sizes, strict=True)
     ]
     assert checked.count(False) == refused  # Python refuses the same

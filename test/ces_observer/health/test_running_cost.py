@@ -7,7 +7,7 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from damper_models import delayed_damper, plain_damper
+from damper_models import plain_damper
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -171,8 +171,6 @@ def test_the_threshold_comes_from_the_models_own_costs() -> None:
     assert warn(row("validation", None), "nonsense", row("validation", nan)) == 10.0
     wrong = replace(plain_damper(), provenance={"cost_J_percent": 3})
     assert default_warn_J(plain_damper()) == default_warn_J(wrong) == 10.0
-    costs = [row("validation", 9.0), {**row("validation", 7.0), "delay_s": 0.003}]
-    assert default_warn_J(replace(delayed_damper(0.003), provenance={"cost_J_percent": costs})) == 14.0
 
 
 def test_of_model_takes_its_scale_from_the_model() -> None:
