@@ -70,7 +70,7 @@ def _print_usage() -> int:
         f"programs:\n{rows}\n\n"
         "options:\n  -h, --help     show this help\n  --version      show the versions in use, with --json as JSON\n\n"
         "`ces help PROGRAM` lists a program's options. With ROS 2 sourced, `ros2 run ces_observer PROGRAM` runs the\n"
-        "same programs. The nodes are `observer`, `controller` and `rig`.\n"
+        "same programs. The nodes are `observer`, `controller`, `rig`, and `identify` with --ros-args.\n"
     )
     print(text, end="", flush=True)
     return 0
@@ -83,7 +83,7 @@ def _run(name: str, words: Sequence[str]) -> int:
         print(f"ces: error: unknown program '{name}'{hint}", file=sys.stderr)
         return 2
     if ROS_ARGS in words:
-        text = f"{ROS_ARGS} is only for the nodes, which 'ros2 run ces_observer' starts: observer, controller and rig"
+        text = f"{ROS_ARGS} is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer identify' or '... rig'"
         print(f"ces {name}: error: {text}", file=sys.stderr)
         return 2
     return _run_program(name, PROGRAMS[name][0], words)

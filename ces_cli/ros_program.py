@@ -1,6 +1,6 @@
 """Entry point of `ros2 run ces_observer NAME` for every program of `ces`; the executable's file name is NAME.
 
-With `--ros-args`, which ros2 launch always adds, or without any arguments, `rig` runs as a node.
+With `--ros-args`, which ros2 launch always adds, `identify` and `rig` run as nodes; `rig` also without any arguments.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ces_cli import main as ces
 
 # what no node of a vehicle imports
 DESK = ("numpy", "scipy", "numba", "jinja2", "rich", "yaml", "joblib", "rosbags", "mcap")
-NODE, NODE_MODULE = "rig", "ces_rig.live.node"
+NODES = {"identify": "ces_cli.identify.node", "rig": "ces_rig.live.node"}
 
 
 def main() -> int:
@@ -32,7 +32,7 @@ def main() -> int:
     if not is_node(name, words):
         return ces.main([name, *words])
     signal.signal(signal.SIGINT, _end_start)
-    status: int = import_module(NODE_MODULE).main(sys.argv)
+    status: int = import_module(NODES[name]).main(sys.argv)
     return status
 
 
@@ -43,4 +43,4 @@ def _end_start(number: int, frame: FrameType | None) -> NoReturn:
 
 def is_node(name: str, words: Sequence[str]) -> bool:
     """Return whether NAME runs as a node with these arguments."""
-    return name == NODE and (ces.ROS_ARGS in words or not words)
+    return name in NODES and (ces.ROS_ARGS in words or (name == "rig" and not words))

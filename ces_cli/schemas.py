@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_mapping import BLANKS, COLUMN_KEYS, LAYOUT_KEYS, SOURCES
 from ces_gap.report.gap_json import gap_schema
@@ -394,6 +395,7 @@ BUILDERS: Mapping[str, Callable[[], Schema]] = {
     "observer": observer_schema,
     "controller": partial(node_schema, parameter_table.OF_THE_CONTROLLER),
     "rig-node": partial(node_schema, (*OF_THE_RIG_NODE, *OF_THE_RIG), with_dots=True),
+    "identify-node": partial(node_schema, (*PARAMETERS, EXIT_WHEN_DONE)),
     "gap": gap_schema,
 }
 

@@ -21,6 +21,7 @@ ABOUT: Mapping[str, str] = {
     "observer": "Parameters of the node observer",
     "controller": "Parameters of the node controller",
     "rig-node": "Parameters of the node rig",
+    "identify-node": "Parameters of the node identify",
     "gap": "Result of a diagnosis, gap.json (ces diagnose)",
 }
 KEYWORD = "# yaml-language-server: $schema="

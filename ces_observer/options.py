@@ -1,14 +1,19 @@
 """An option: a field that a program, a node, a plan and the API share, under one name.
 
-`ces_cli.terminal` makes an argument of it (`--no-band` for `band`), a node a parameter.
+`ces_cli.terminal` makes an argument of it (`--no-band` for `band`), `as_parameter` the parameter of a node, and
+`command_words` turns the values of a node's parameters into a program's command line.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from ces_observer.fields import REQUIRED, Field
+
+NO_WORDS = [""]  # ROS 2 has no empty list of strings; empty strings are ignored
 
 
 @dataclass(frozen=True)
@@ -50,3 +55,43 @@ class Option(Field):
 def in_group(title: str, *options: Option) -> tuple[Option, ...]:
     """Return the options under the heading `title` of a program's help."""
     return tuple(replace(option, group=title) for option in options)
+
+
+def as_parameter(option: Option) -> Option:
+    """Return an option as a node's parameter: ROS 2 has no empty value, so that 0 or an empty text stands for it."""
+    kind = str if option.kind is Path else option.kind
+    if option.many:
+        return replace(option, kind=kind, default=list(option.default) or NO_WORDS)
+    if option.default is not None:
+        return replace(option, kind=kind, default=str(option.default) if kind is str else option.default)
+    unset, word = ("", "empty") if kind is str else (kind(0), "0")
+    least = "" if kind is str or option.low <= 0 else f", at least {option.low:g}"
+    meaning = f"{option.described}{least}; {word}: {option.none or 'none'}"
+    choices = (unset, *option.choices) if option.choices else ()
+    return replace(option, kind=kind, default=unset, choices=choices, meaning=meaning, unit="", low=min(option.low, 0))
+
+
+def command_words(options: Iterable[Option], values: Mapping[str, Any]) -> list[str]:
+    """Return the words of a command line for the values of a node's parameters; defaults are left out.
+
+    The program has the same defaults, and an option that is given must apply.
+    """
+    words = []
+    for option in options:
+        value, unset = values[option.name], as_parameter(option).default
+        if value in (unset, ""):
+            continue
+        if option.kind is bool:
+            words.append(option.flag)
+        elif option.many:
+            texts = [_as_word(option, one) for one in value if one != ""]
+            words += [option.flag, *texts] if option.together else [f"{option.flag}={text}" for text in texts]
+        else:
+            words.append(f"{option.flag}={_as_word(option, value)}")
+    return words
+
+
+def _as_word(option: Option, value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.17g}"
+    return str(Path(value).expanduser()) if option.kind is Path else str(value)

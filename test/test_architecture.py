@@ -61,7 +61,7 @@ ROS = {
     "rosbag2_interfaces",
 }
 # Modules that may import what the others may not.
-NODE_ROOMS = ("ces_observer.nodes", "ces_iterate.rigs", "ces_rig.live")
+NODE_ROOMS = ("ces_observer.nodes", "ces_iterate.rigs", "ces_rig.live", "ces_cli.identify")
 ALLOWED = {
     "rosbags": ("ces_data.bags",),
     "mcap": ("ces_data.bags",),

@@ -12,6 +12,7 @@ SNAPSHOT_CALL = ROOT / "ces_observer" / "nodes" / "snapshot_call.py"  # runs in 
 SOURCES = [
     *sorted({*(ROOT / "ces_observer" / "nodes").glob("*.py")} - {SNAPSHOT_CALL}),
     *sorted((ROOT / "ces_rig" / "live").glob("*.py")),
+    ROOT / "ces_cli" / "identify" / "node.py",
 ]
 # Registered by methods that GuardedNode guards; a node has no other way to them.
 BY_THE_NODE = {
@@ -60,7 +61,7 @@ def test_no_callback_passes_by_the_guard_or_is_a_coroutine() -> None:
 
 
 def test_each_node_is_a_guarded_one() -> None:
-    """Only GuardedNode derives from rclpy's; the nodes of the programs derive from it."""
+    """Only GuardedNode derives from rclpy's; the four programs' nodes derive from it."""
     bases = {
         node.name: [ast.unparse(base) for base in node.bases]
         for path in SOURCES
@@ -69,7 +70,7 @@ def test_each_node_is_a_guarded_one() -> None:
     }
     assert [name for name, of in bases.items() if "Node" in of] == ["GuardedNode"]
     assert bases["TableNode"] == ["GuardedNode"]
-    assert {name for name, of in bases.items() if "TableNode" in of} == {"ManagedNode", "Rig"}
+    assert {name for name, of in bases.items() if "TableNode" in of} == {"ManagedNode", "Rig", "IdentifyNode"}
     assert {name for name, of in bases.items() if "ManagedNode" in of} == {"Observer", "Controller"}
 
 

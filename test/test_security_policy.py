@@ -15,7 +15,7 @@ from ces_observer.signals import DEFAULTS
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "config" / "security"
 INCLUDE = "{http://www.w3.org/2001/XInclude}include"
-NODES = ("observer", "controller", "rig")
+NODES = ("observer", "controller", "rig", "identify")
 RULES = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}  # of sros2's schema, version 0.2.0
 MAKERS = (
     "create_publisher",

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from bench.reference.tables import as_text, codes, span, table
+from ces_cli.identify.options import EXIT_WHEN_DONE
 from ces_observer.control.control_loop import KEYS as CONTROLLER_KEYS
 from ces_observer.health.health import KEYS as OBSERVER_KEYS
 from ces_observer.nodes import parameter_table
@@ -27,6 +28,7 @@ NODES = {  # and what each does
     "observer": "Estimates the force from position and current.",
     "controller": "Commands the current that gives a wanted force.",
     "rig": "The virtual rig in real time (synthetic data).",
+    "identify": "Identifies a model and publishes it.",
 }
 SIGNALS = (
     "`position`, `current`, `force`, `temperature`, `speed`, `acceleration`, each with `topic`, `type`, `field`, "
@@ -79,6 +81,7 @@ def nodes_page() -> str:
         "observer": (*wanted.OF_THE_NODE, *wanted.OF_A_DAMPER, wanted.NAME),
         "controller": wanted.OF_THE_CONTROLLER,
         "rig": (*OF_THE_RIG_NODE, *OF_THE_RIG),
+        "identify": (EXIT_WHEN_DONE,),
     }
     text, described = ["# Nodes", HEAD], set[str]()
     for name, about in NODES.items():
@@ -86,6 +89,8 @@ def nodes_page() -> str:
         text.append(table(("parameter", "default", "range", "meaning"), _rows(tables[name], described)))
         if name == "observer":
             text.append(f"`{wanted.DAMPERS}`: {wanted.DAMPERS_MEANING}. Signals: {SIGNALS}\n")
+        if name == "identify":
+            text.append("`bags` and all [options of `ces identify`](programs.md#identify), with `_` for `-`.\n")
     require_keys_of_the_code()
     tasks = [(f"`DAMPER {name}`", codes(keys)) for name, keys in OBSERVER_KEYS.items()]
     tasks += [(f"`controller {name}`", codes(keys)) for name, keys in CONTROLLER_KEYS.items()]

@@ -14,7 +14,7 @@ from time import monotonic
 from typing import Any
 
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
-from ces_cli.identify.options import OPTIONS
+from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import (
     ALL,
@@ -47,6 +47,7 @@ from ces_identify.identification import STRETCHES, IdentificationResult, count_s
 from ces_identify.options import build_identify_options
 from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion
 from ces_identify.structures import KITS
@@ -115,10 +116,10 @@ class Identification:
     how: IdentifyOptions
     findings: tuple[Finding, ...] = ()
 
-    def run(self) -> IdentificationResult:
+    def run(self, show_progress: Callable[[Limits], Any] = SearchProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
         CompilationNotice(terminal.print_warning)
-        with SearchProgress(self.how.limits) as progress:
+        with show_progress(self.how.limits) as progress:
             run = select_identify_function(self.options)
             result = run(self.bags, self.validation, self.how, progress.listen)
         if self.options.teacher is not None:
@@ -345,6 +346,7 @@ def make_parser() -> terminal.Parser:
         f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
         replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"),
-        *OPTIONS,
+        *list_shared(),
+        *OF_THE_PROGRAM,
         rules=(*CAMPAIGN_RULES, *STRUCTURE_RULES),
     )

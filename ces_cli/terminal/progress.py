@@ -98,24 +98,50 @@ class DiagnoseProgress(LiveBar):
             self.log_seldom(f"{share:4.0%}  {step}")
 
 
+class BestResults:
+    """The best result of every one of `starts` of a search so far."""
+
+    def __init__(self, starts: int) -> None:
+        self._starts = starts
+        self._by_seed: dict[int, SearchResult] = {}
+
+    def update(self, result: SearchResult) -> None:
+        """Replace the result of its start."""
+        self._by_seed[result.seed] = result
+
+    @property
+    def best(self) -> SearchResult | None:
+        """The result with the lowest selection cost."""
+        return min(self._by_seed.values(), key=lambda result: result.cost, default=None)
+
+    @property
+    def finished(self) -> int:
+        """Number of starts that have finished."""
+        return sum(one.ended != RUNNING for one in self._by_seed.values())
+
+    @property
+    def share(self) -> float:
+        """Share of the work that is done (0 to 1), as far as the results tell."""
+        return min(1.0, sum(1.0 if r.ended != RUNNING else r.share for r in self._by_seed.values()) / self._starts)
+
+
 class SearchProgress(LiveBar):
     """Shows the work and the best cost of a search so far; `listen` may be called from any thread."""
 
     def __init__(self, limits: Limits) -> None:
         text = "no model yet (Ctrl-C keeps the best so far)"
         super().__init__("searching", bars.TaskProgressColumn(), bars.TimeElapsedColumn(), total=1.0, text=text)
-        self._starts = limits.starts
-        self._best: dict[int, SearchResult] = {}  # by the seed of its start
+        self._results = BestResults(limits.starts)
 
     def listen(self, result: SearchResult) -> None:
         """Show an improvement or the end of a start."""
         with self._lock:
-            self._best[result.seed] = result
-            best = min(self._best.values(), key=lambda one: one.cost)
-            running = [one.share for one in self._best.values() if one.ended == RUNNING]
-            done = len(self._best) - len(running)
-            text = f"selection cost J = {best.cost:.2f} %, size {len(best.chosen)}, starts done: {done}"
-            self.show(min(1.0, (done + sum(running)) / self._starts), text)
+            self._results.update(result)
+            best = self._results.best or result
+            text = (
+                f"selection cost J = {best.cost:.2f} %, size {len(best.chosen)}, starts done: {self._results.finished}"
+            )
+            self.show(self._results.share, text)
             self.log_seldom(text)
 
 

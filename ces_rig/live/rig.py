@@ -18,7 +18,7 @@ from numpy.random import Generator
 from ces_data.config_file import parse_yaml_mapping
 from ces_observer.fields import choice, quantity, require_known_keys, setting, walk_record
 from ces_observer.nodes.parameter_table import EXECUTOR
-from ces_observer.options import Option
+from ces_observer.options import Option, as_parameter
 from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.kinds import HYDRAULIC
 from ces_rig.dampers.model import replace_numbers
@@ -35,7 +35,6 @@ from ces_rig.withheld import environment, plants
 SCRIPT, VEHICLE, SET_POINTS = "script", "vehicle", "set_points"
 ROAD_STREAM = 6  # beside ces_rig.sensors.STREAMS
 LIVE_SENSING = ("current_scale", "force_offset", "force_drift", "force_scale", "mains_hum", "position_wave")
-NO_WORDS = [""]  # ROS 2 has no empty list of strings; empty strings are ignored
 LIVE = (
     "noise", "dropout", "safe_current_A", "command_timeout_s", "script.kind", "script.amplitude_m",
     "script.frequency_Hz", "vehicle.road_class", "vehicle.speed_m_s",
@@ -81,7 +80,7 @@ class RigNodeSettings:
 
 OF_THE_NODE, OF_THE_RIG = (
     tuple(
-        Option(**vars(one) | {"name": name, "default": value if value != () else NO_WORDS}, live=name in LIVE)
+        as_parameter(Option(**vars(one) | {"name": name, "default": value}, live=name in LIVE))
         for name, value, one in walk_record(record)
     )
     for record in (RigNodeSettings(), RigSettings())

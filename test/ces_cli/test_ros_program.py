@@ -10,12 +10,14 @@ import pytest
 from ces_cli import ros_program
 from ces_cli.main import PROGRAMS
 from ces_cli.main import main as ces
-from ces_cli.ros_program import NODE, NODE_MODULE, is_node
+from ces_cli.ros_program import NODES, is_node
 
 
 @pytest.mark.parametrize(
     ("name", "words", "expected"),
     [
+        ("identify", ["--ros-args"], True),
+        ("identify", ["--ros-args", "--params-file", "identify.yaml"], True),
         ("identify", ["bags/noise"], False),
         ("identify", [], False),
         ("rig", [], True),
@@ -29,8 +31,9 @@ def test_nodes_are_known_by_their_arguments(name: str, words: list[str], expecte
     assert is_node(name, words) == expected
 
 
-def test_the_node_is_a_program_and_has_a_module() -> None:
-    assert NODE in PROGRAMS and find_spec(NODE_MODULE)
+def test_every_node_is_a_program_and_has_a_module() -> None:
+    assert set(NODES) <= set(PROGRAMS)
+    assert all(find_spec(module) for module in NODES.values())
 
 
 def test_the_file_name_selects_the_program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -56,5 +59,5 @@ def test_ces_is_no_node(capsys: pytest.CaptureFixture[str]) -> None:
     assert ces(["identify", "--ros-args"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(
-        "ces identify: error: --ros-args is only for the nodes, which 'ros2 run ces_observer' starts: "
+        "ces identify: error: --ros-args is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer identify'"
     )

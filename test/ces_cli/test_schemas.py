@@ -248,7 +248,7 @@ def test_every_axis_of_a_campaign_has_a_schema_that_agrees() -> None:
                     campaign_plan.check_on_axis(axis, probe, axis.name)
 
 
-NODE_FILES = {"observer": "observer", "controller": "controller", "rig-node": "rig_live"}
+NODE_FILES = {"observer": "observer", "controller": "controller", "rig-node": "rig_live", "identify-node": "identify"}
 
 
 @pytest.mark.parametrize("name", NODE_FILES)

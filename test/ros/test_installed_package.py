@@ -36,7 +36,7 @@ def test_ros2_run_finds_the_node_and_every_program(installed: dict[str, str]) ->
 def test_share_holds_manifest_launch_file_and_parameters(installed: dict[str, str]) -> None:
     share = Path(installed[PREFIX].split(":")[0]) / "share"
     found = {str(path.relative_to(share / "ces_observer")) for path in (share / "ces_observer").rglob("*")}
-    assert {"package.xml", "launch/observer.launch.py", "config/observer.yaml"} <= found
+    assert {"package.xml", "launch/observer.launch.py", "config/observer.yaml", "config/identify.yaml"} <= found
     assert {"config/plotjuggler.xml", "config/foxglove.json", "config/signals.yaml"} <= found
     assert (share / "ament_index/resource_index/packages/ces_observer").exists()
 

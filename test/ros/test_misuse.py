@@ -1,4 +1,4 @@
-"""Every service, parameter and topic of all three nodes misused, while samples run at 1 kHz.
+"""Every service, parameter and topic of all four nodes misused, while samples run at 1 kHz.
 
 No node exits, the estimates go on, and each of them equals the offline replay. Each kind of executor meets half of
 the inputs, every other one.
@@ -17,13 +17,14 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from damper_models import plain_damper
 from misuse import Misuser
-from node_process import NodeProcess, ros_args
+from node_process import ROOT, NodeProcess, ros_args
 from replay import offline
 from vehicle import JOINT, STAMPED_CURRENT, Vehicle, reliable_inputs, stamp_of, stroke, wait
 
 from ces_observer.model import Model
 
 CURRENT_A = 0.5
+QUICK = {"bags": f"[{ROOT / 'bags' / 'noise'}]", "terms": 2, "starts": 1, "threads": 1}
 EXECUTORS = ("events", "single")
 
 
@@ -34,7 +35,7 @@ def damper() -> Model:
 
 @contextmanager
 def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, NodeProcess]]:
-    """Run all three nodes; the rig has topics of its own, so that the observer sees one source of samples only."""
+    """Run all four nodes; the rig has topics of its own, so that the observer sees one source of samples only."""
     model = folder / "model.json"
     damper().save(model)
     lossless = reliable_inputs(namespace, ["joint_states", "stamped_current"])
@@ -51,6 +52,7 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
             {"model": model, "executor": executor, "feedback": "measured"},
         ),
         "rig": ("ces_rig.live.node", {"executor": executor}),
+        "identify": ("ces_cli.identify.node", {**QUICK, "out": folder / "out.json"}),
     }
     rig = ["-r", "joint_states:=rig/joint_states", "-r", "measured_force:=rig/measured_force"]
     started = {}
@@ -68,7 +70,7 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
 def test_no_misuse_ends_a_node_or_changes_an_estimate(
     vehicle: Vehicle, namespace: str, executor: str, tmp_path: Path
 ) -> None:
-    names = ("observer", "controller", "rig")
+    names = ("observer", "controller", "rig", "identify")
     part = slice(EXECUTORS.index(executor), None, len(EXECUTORS))
     with running(namespace, executor, tmp_path) as nodes, Misuser(namespace, names, part) as misuser:
         vehicle.meets_node()

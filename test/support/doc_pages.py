@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from small_recordings import RULES, UNITS, make_columns, write_small_csv
 
+from ces_cli.identify.options import PARAMETERS
 from ces_cli.main import PROGRAMS, main
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.reading import read_recording
@@ -381,6 +382,6 @@ def check_launch(words: list[str]) -> None:
 def node_parameters() -> frozenset[str]:
     """Return the parameters of all nodes, those of a signal as `position.topic`."""
     tables = (parameter_table.OF_THE_NODE, parameter_table.OF_A_DAMPER, parameter_table.OF_THE_CONTROLLER)
-    options = (*chain(*tables), parameter_table.NAME, *OF_THE_RIG_NODE, *OF_THE_RIG)
+    options = (*chain(*tables), parameter_table.NAME, *PARAMETERS, *OF_THE_RIG_NODE, *OF_THE_RIG)
     signals = (f"{name}.{key}" for name in NAMES for key in (*parameter_table.SIGNAL_KEYS, "constant"))
     return frozenset((*(option.name for option in options), *signals, "dampers", "use_sim_time"))
