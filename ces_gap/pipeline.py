@@ -155,6 +155,7 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
         twin=inputs.twin,
         held_out=scores.series,
         notes=(
+            *scores.notes,
             *optional.notes,
             *timing_notes(result, judgement),
             *bound_notes(scores.composition.composition, scores.composition.estimates),

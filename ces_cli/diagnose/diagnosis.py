@@ -48,7 +48,8 @@ def run_diagnosis(options: Namespace, command: str) -> None:
     given = None if options.identify else open_simulation(options.sim)
     roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
     recordings = {
-        role: [read_with_predictions(given, p, signals) for p in find_bags(words)] for role, words in roles.items()
+        role: [read_with_predictions(given, p, signals) for p in find_bags(words, repeated=True)]
+        for role, words in roles.items()
     }
     real, held_out, reference = recordings.values()
     doubts = check_recordings(real, held_out, reference)

@@ -40,8 +40,9 @@ def collect_findings(
     evidence, best, rest = result.evidence, result.best, baseline.ceiling
     plants = [replace(baseline.plant, simulation=simulation).prepare_for(t) for t in evidence.traces]
     if best is not None:  # the generic learner, fitted to the rest of the best explanation
-        rows = zip(plants, evidence.traces, evidence.alone, strict=True)
-        rest = learn_ceiling(evidence.traces, [plant.with_effects(best.composition, t, a) for plant, t, a in rows])
+        forces = replace(evidence, plants=tuple(plants)).forces(best.composition)
+        refused = not all(np.isfinite(force).all() for force in forces)
+        rest = learn_ceiling(evidence.traces, evidence.forces(best.composition) if refused else forces)
 
     def allowance(fit: EffectFit) -> float:
         return twin_error_energy(evidence, plants, fit)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from ces_gap.inference.verdict import (
     VerdictEvidence,
 )
 from ces_gap.inputs.prepare import DiagnosisInput
-from ces_gap.progress import Progress, ignore_progress
+from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
 from ces_gap.trace import Trace, own_error_N, usable_values
 
@@ -85,6 +85,7 @@ class HeldOutScores:
     series: tuple[HeldOutSeries, ...]
     nothing: Explanation
     timed_N: float
+    notes: tuple[str, ...] = ()  # on forces that the simulation refused
 
 
 def score_held_out(
@@ -112,14 +113,16 @@ def score_held_out(
         together = replace(together, without_N=gaps_without_each(scorer, result.evidence, best))
     timed = [scorer.explain(f, scorer.forces(f, True)).gap_after_N for f in timing]
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
+    known = {} if best is None else {best.composition: forces}
     return HeldOutScores(
         gap=_gap(scorer, bool(inputs.reference or inputs.probe.corrected), _find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
-        causes=_causes(scorer, result, findings, {} if best is None else {best.composition: forces}, progress),
+        causes=_causes(scorer, result, findings, known, progress),
         composition=together,
         series=tuple(HeldOutSeries(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
         nothing=nothing,
         timed_N=min([nothing.gap_after_N, *timed]),
+        notes=tuple(scorer.optional.notes),
     )
 
 
@@ -321,12 +324,17 @@ class HeldOutScorer:
     exact: tuple[Plant, ...]
     alone: tuple[F, ...]  # the plant's force on each held-out trace
     before: F  # energy in each block of the gap of the original simulation
+    optional: OptionalSteps = field(default_factory=OptionalSteps)
 
     def forces(self, fit: EffectFit, exact: bool) -> tuple[F, ...]:
-        """Return the force [N] with the effects of a fit on each held-out trace."""
+        """Return the force [N] with the effects of a fit on each held-out trace; NaN if the simulation refuses it."""
         plants = self.exact if exact or not fit.composition.reruns else self.quick
-        rows = zip(plants, self.blocks.traces, self.alone, strict=True)
-        return tuple(plant.with_effects(fit.composition, trace, alone) for plant, trace, alone in rows)
+        rows = list(zip(plants, self.blocks.traces, self.alone, strict=True))
+        return self.optional.run(
+            f"the force with {' and '.join(fit.names)}",
+            lambda: tuple(plant.with_effects(fit.composition, trace, alone) for plant, trace, alone in rows),
+            tuple(np.full(len(trace), np.nan) for trace in self.blocks.traces),
+        )
 
     def explain(self, fit: EffectFit | None = None, forces: Sequence[F] | None = None) -> Explanation:
         """Return the explanation by a fit whose `forces` [N] are known; by no effect, after the correction, if None."""
