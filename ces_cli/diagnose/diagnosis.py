@@ -164,8 +164,8 @@ def _gap_lines(diagnosis: Diagnosis) -> list[str]:
     """Return the size of the gap, how much of it remains, and how much controls leave."""
     gap, together, wrong = diagnosis.gap, diagnosis.composition, diagnosis.wrong
     lines = [
-        f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on held-out data, noise subtracted "
-        f"(noise {_newtons(gap.noise_floor_N)} from {gap.noise_source}, J = {gap.cost_J:.2f} %)"
+        f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on held-out data, J = {gap.cost_J:.2f} % "
+        f"(noise {_newtons(gap.noise_floor_N)} from {gap.noise_source}; {gap.noise_in_band} subtracted)"
     ]
     errors = ["own error, learned from the references"] * (diagnosis.correction is not None)
     errors += ["timing of its inputs"] * bool(diagnosis.probe.corrected)

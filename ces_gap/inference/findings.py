@@ -47,6 +47,7 @@ def collect_findings(
     def allowance(fit: EffectFit) -> float:
         return twin_error_energy(evidence, plants, fit)
 
+    force_N = rms(usable_values(evidence.traces, [t.force for t in evidence.traces]))
     figures, size = compute_figures(result, baseline.ceiling, rest), measure_gap(result)
     together, twin_error = ((), 0.0) if best is None else (best.names, allowance(best) / result.gap_energy)
     return SearchFindings(
@@ -56,9 +57,7 @@ def collect_findings(
         size=size,
         rest_N=rest.learnt.noise.rms_N,
         visible_from_N=max(evidence.noise.rms_N, baseline.unseen_error_N),
-        tolerance_N=tolerance_N(
-            size, rms(usable_values(evidence.traces, [t.force for t in evidence.traces])), tolerance
-        ),
+        tolerance_N=tolerance_N(noise_floor_N(evidence.traces), force_N, tolerance),
         has_references=baseline.correction is not None,
         interchangeable=interchangeable_effects(result, allowance),
         absorbed=find_absorbed_effects(result),
@@ -77,12 +76,13 @@ def measure_gap(result: EffectSearchResult) -> GapSize:
         errors = [trace.force - force for trace, force in zip(evidence.traces, modelled, strict=True)]
         above.append(float(np.sqrt(max(rms(usable_values(evidence.traces, errors)) ** 2 - noise_N**2, 0.0))))
     known = all(t.measured_noise.known for t in evidence.traces)
-    return GapSize(above[0], min(above), noise_N, known, own_error_N(evidence.traces))
+    logged_N = noise_floor_N(evidence.traces, as_logged=True)
+    return GapSize(above[0], min(above), logged_N, known, own_error_N(evidence.traces))
 
 
-def tolerance_N(size: GapSize, force_N: float, share: float | None) -> float:
+def tolerance_N(noise_N: float, force_N: float, share: float | None) -> float:
     """Return the gap [N] that counts as none: a `share` of the RMS force, by default small beside force and noise."""
-    return min(TOLERANCE_SHARE * force_N, TOLERANCE_NOISES * size.noise_N) if share is None else share * force_N
+    return min(TOLERANCE_SHARE * force_N, TOLERANCE_NOISES * noise_N) if share is None else share * force_N
 
 
 def twin_error_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:

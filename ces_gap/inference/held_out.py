@@ -29,10 +29,11 @@ from ces_gap.inference.verdict import (
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
-from ces_gap.trace import Trace, own_error_N, usable_values
+from ces_gap.trace import Trace, noise_floor_N, own_error_N, usable_values
 
 BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
+SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
 MIN_CORRECTED = 0.995  # of the gap: a correction that takes less is not told
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
@@ -43,8 +44,9 @@ class Gap:
     """The gap on the held-out recordings, RMS [N] without measurement noise.
 
     `rms_N` is that of the original simulation, `corrected_N` after the correction learned from references (equal to
-    `rms_N` without references). `noise_floor_N` is what no model can explain, and `noise_source` says what showed
-    it, as in `8.1 N from repeated cycles`. `cost_J` is thesis eq. 3.5.
+    `rms_N` without references). `noise_floor_N` is the noise of the measured force as logged, of which
+    `noise_in_band_N` reaches the grid of the comparison and is subtracted; `noise_source` says what showed it, as in
+    `8.1 N from repeated cycles`. `cost_J` is thesis eq. 3.5.
     """
 
     rms_N: float
@@ -55,6 +57,13 @@ class Gap:
     corrected_ci95_N: Interval
     noise_source: str = NO_SOURCE
     noise_known: bool = True  # False if no source limits the noise of a recording
+    noise_in_band_N: float = math.nan
+
+    @property
+    def noise_in_band(self) -> str:
+        """What the gaps are without, in a few words."""
+        narrower = self.noise_in_band_N < SAME_BAND * self.noise_floor_N
+        return f"{self.noise_in_band_N:.1f} N of it in the band of the comparison" if narrower else "it"
 
     @property
     def own_error(self) -> str:
@@ -176,12 +185,13 @@ def _gap(scorer: HeldOutScorer, corrected: bool, noise_source: str) -> Gap:
     blocks = scorer.blocks
     rms, ci95 = blocks.rms(scorer.before)
     rest, rest_ci95 = blocks.rms(blocks.energy(scorer.alone)) if corrected else (rms, ci95)
-    noise = float(np.sqrt(blocks.noise.sum() / max(float(blocks.ticks.sum()), 1.0)))
+    noise_N = float(np.sqrt(blocks.noise.sum() / max(float(blocks.ticks.sum()), 1.0)))
+    logged_N = noise_N * noise_floor_N(blocks.traces, as_logged=True) / max(noise_floor_N(blocks.traces), 1e-12)
     force = usable_values(blocks.traces, [t.force for t in blocks.traces])
     simulated = usable_values(blocks.traces, [t.simulated_as_logged for t in blocks.traces])
     cost_J = 100.0 * float(np.linalg.norm(force - simulated) / max(float(np.linalg.norm(force - force.mean())), 1e-9))
     known = all(t.measured_noise.known for t in blocks.traces)
-    return Gap(rms, ci95, noise, cost_J, rest, rest_ci95, noise_source, known)
+    return Gap(rms, ci95, logged_N, cost_J, rest, rest_ci95, noise_source, known, noise_N)
 
 
 def collect_evidence(search: SearchFindings, scores: HeldOutScores) -> VerdictEvidence:

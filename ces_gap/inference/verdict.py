@@ -36,7 +36,7 @@ IMMATERIAL = 0.1  # of the held-out gap's energy: closing less is no cause, leav
 class GapSize:
     """The gap on some recordings, RMS [N]: without noise, and after the simulation's timing was fitted as well.
 
-    `noise_N` was measured; where it is not `noise_known`, no source limits it and `noise_N` is a guess. `own_error_N`
+    `noise_N` is that of the force as logged; where it is not `noise_known`, no source limits this guess. `own_error_N`
     is the error that the simulation may have here, as it says itself (0 if it does not).
     """
 

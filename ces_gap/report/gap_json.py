@@ -166,7 +166,8 @@ REGION_AFTER = record(region=(REGION, itemgetter(0)), gap_after_N=(POSITIVE, ite
 GAP_SIZE = record(
     rms_N=POSITIVE,
     ci95_N=INTERVAL,
-    noise_floor_N=POSITIVE,
+    noise_floor_N=POSITIVE("of the measured force as logged"),
+    noise_in_band_N=POSITIVE("the part of it on the grid of the comparison, which is subtracted"),
     cost_J=POSITIVE,
     corrected_N=POSITIVE("once the simulation's own error, learnt from references, is added"),
     corrected_ci95_N=INTERVAL,

@@ -130,7 +130,7 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
         remark = _remark(d, c, "fits the other recordings best" if d.verdict == UNKNOWN else "")
         text = f"With {join_effect_names(c.effects)}"
         steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(c)))
-    remark = f"from {gap.noise_source}; subtracted from all other bars"
+    remark = f"as logged, from {gap.noise_source}; {gap.noise_in_band} is subtracted from all other bars"
     steps.append(_bar(scale, "noise", "Measurement noise", remark, gap.noise_floor_N, None))
     controls = []
     if d.wrong is not None:

@@ -69,7 +69,7 @@ KEYS = {  # of ces-gap/1: other programs read them, whatever table writes them
     ),
     **dict.fromkeys(["indistinguishable", "not_separable", "notes"], ""),
     **dict.fromkeys(("where", "rest"), REGION),
-    "gap": "rms_N ci95_N noise_floor_N cost_J corrected_N corrected_ci95_N noise_source",
+    "gap": "rms_N ci95_N noise_floor_N noise_in_band_N cost_J corrected_N corrected_ci95_N noise_source",
     "max_region": "region p_value",
     "causes": "effect form probability parameters gap_after_N shrink shrink_ci95 gain gain_error",
     "composition": "effects forms gap_after_N shrink shrink_ci95 parameters without_N by_region",
