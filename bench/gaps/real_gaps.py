@@ -18,7 +18,7 @@ import bench.blas_one_thread  # noqa: F401 - before NumPy
 from bench.gaps.real_cases import Data, RealCase, brake_cases, dyke_cases, friction_cases, map_cases
 from bench.measurement import print_note
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis, Estimate
-from ces_gap.inference.verdict import CALIBRATION, TIMING
+from ces_gap.inference.judgement import CALIBRATION, TIMING
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 
 HEADER = ("simulation and recordings", "in truth", "answer", "judged", "shrink %", "parameters", "independent")

@@ -19,8 +19,8 @@ from ces_gap.effects.effect import Setting
 from ces_gap.errors import GapError
 from ces_gap.experiment.candidates import Recipe, generate_waveforms, list_candidate_experiments, reach_of
 from ces_gap.experiment.matches import Match, Probe, find_nearest, refine_match, sample_tangents
+from ces_gap.inference.judgement import Judgement
 from ces_gap.inference.search import EffectSearchResult
-from ces_gap.inference.verdict import Judgement
 from ces_gap.trace import Trace, make_trace
 from ces_identify.numerics import search_clock
 from ces_identify.schema_files import schema_line

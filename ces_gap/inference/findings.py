@@ -13,6 +13,7 @@ from ces_gap.effects.effect import Composition
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters, measure_parameter_drift
+from ces_gap.inference.judgement import WITHIN_TIMING, GapSize, Judgement, SearchFindings
 from ces_gap.inference.odds import Calibration, VerdictFigures, probabilities
 from ces_gap.inference.search import (
     EffectSearchResult,
@@ -21,7 +22,6 @@ from ces_gap.inference.search import (
     interchangeable_effects,
     min_unexplained_shares,
 )
-from ces_gap.inference.verdict import WITHIN_TIMING, GapSize, Judgement, SearchFindings
 from ces_gap.trace import noise_floor_N, own_error_N, usable_values
 
 TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
@@ -35,6 +35,7 @@ def collect_findings(
     simulation: TraceSimulator,
     weights: Calibration,
     tolerance: float | None = None,
+    is_recorded: bool = False,
 ) -> SearchFindings:
     """Return the findings; `simulation` reruns the best explanation, `tolerance` is the user's (share of the force)."""
     evidence, best, rest = result.evidence, result.best, baseline.ceiling
@@ -57,13 +58,20 @@ def collect_findings(
         size=size,
         rest_N=rest.learnt.noise.rms_N,
         visible_from_N=max(evidence.noise.rms_N, baseline.unseen_error_N),
-        tolerance_N=tolerance_N(noise_floor_N(evidence.traces), force_N, tolerance),
+        tolerance_N=tolerance_N(size.noise_N, force_N, tolerance),
         has_references=baseline.correction is not None,
         interchangeable=interchangeable_effects(result, allowance),
         absorbed=find_absorbed_effects(result),
-        is_map=best is not None and all(e.nuisance or e.prior_share > 0.0 for e in best.effects),
+        is_map=best is not None and is_map(best),
         twin_error=twin_error,
+        is_recorded=is_recorded,
     )
+
+
+def is_map(fit: EffectFit) -> bool:
+    """Return whether a fit is a calibration, with nothing but the simulation's timing beside it."""
+    maps = [e for e in fit.effects if e.prior_share > 0.0]
+    return bool(maps) and all(e in maps or e.nuisance for e in fit.effects)
 
 
 def measure_gap(result: EffectSearchResult) -> GapSize:
@@ -99,7 +107,7 @@ def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling)
     """Return the figures; the learner was fitted to the gap `before` and `after` the best explanation."""
     evidence, best, baseline = result.evidence, result.best, result.baseline_residual
     timing = [f for f in result.alone if f.effects[0].nuisance and f.cost < baseline @ baseline]
-    if timing:  # the simulation's timing is not a part of the gap where correcting it is a gain
+    if timing and not (best is not None and timing[0].names[0] in best.names):  # corrected: no part of the gap
         baseline = timing[0].left_out
     residual = best.left_out if best is not None else baseline
     gain = compute_paired_gain(evidence, baseline, residual)

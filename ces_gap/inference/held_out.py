@@ -15,17 +15,17 @@ from ces_gap.effects.effect import Composition
 from ces_gap.grid import number_blocks
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, Interval, estimate_parameters, fit_from
-from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
-from ces_gap.inference.ties import ClosedShare
-from ces_gap.inference.verdict import (
+from ces_gap.inference.judgement import (
     CALIBRATION,
     NO_GAP,
-    TIMING,
+    ClosedShare,
     GapSize,
     Judgement,
     SearchFindings,
     VerdictEvidence,
 )
+from ces_gap.inference.rare import RareDeviation, find_rare_deviation
+from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
@@ -67,7 +67,7 @@ class Gap:
 
     @property
     def own_error(self) -> str:
-        """The words that tell `corrected_N` from `rms_N` where they differ."""
+        """The words that tell `corrected_N` from `rms_N` where the correction takes a part of it."""
         return " beyond the simulation's own error" if self.corrected_N < MIN_CORRECTED * self.rms_N else ""
 
 
@@ -95,6 +95,7 @@ class HeldOutScores:
     nothing: Explanation
     timed_N: float
     notes: tuple[str, ...] = ()  # on forces that the simulation refused
+    rare: RareDeviation | None = None  # of the measured force from the corrected simulation
 
 
 def score_held_out(
@@ -112,7 +113,11 @@ def score_held_out(
     reference_N = result.evidence.noise.rms_N if inputs.reference else np.inf
     limits = {"what the references leave": reference_N, "what a learner cannot explain": findings.rest_N}
     blocks = cut_into_blocks(inputs.held_out, seed, min(limits.values()))
-    scorer = build_scorer(blocks, baseline.plant, inputs.best)
+    scorer, is_corrected = (
+        build_scorer(blocks, baseline.plant, inputs.best),
+        bool(inputs.reference or inputs.probe.corrected),
+    )
+    scorer = scorer if is_corrected else replace(scorer, corrected=scorer.before)
     best, timing = result.best, [f for f in result.alone if f.effects[0].nuisance][:1]
     forces = tuple(scorer.alone if best is None else scorer.forces(best, True))
     nothing = scorer.explain()
@@ -124,7 +129,7 @@ def score_held_out(
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     known = {} if best is None else {best.composition: forces}
     return HeldOutScores(
-        gap=_gap(scorer, bool(inputs.reference or inputs.probe.corrected), _find_noise_source(blocks.traces, limits)),
+        gap=_gap(scorer, _find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
         causes=_causes(scorer, result, findings, known, progress),
         composition=together,
@@ -132,7 +137,22 @@ def score_held_out(
         nothing=nothing,
         timed_N=min([nothing.gap_after_N, *timed]),
         notes=tuple(scorer.optional.notes),
+        rare=_find_rare(inputs, baseline, result, findings, scorer),
     )
+
+
+def _find_rare(
+    inputs: DiagnosisInput,
+    baseline: Baseline,
+    result: EffectSearchResult,
+    findings: SearchFindings,
+    scorer: HeldOutScorer,
+) -> RareDeviation | None:
+    """Return the largest local deviation on fitted and held-out recordings, if it is more than the references have."""
+    errors = [t.force - baseline.plant.alone(t) for t in inputs.reference]
+    known = [np.where(t.usable, error, np.nan) for t, error in zip(inputs.reference, errors, strict=True)]
+    traces, forces = (*result.evidence.traces, *scorer.blocks.traces), (*result.evidence.alone, *scorer.alone)
+    return find_rare_deviation(traces, forces, known, findings.tolerance_N)
 
 
 def gaps_without_each(scorer: HeldOutScorer, evidence: Evidence, fit: EffectFit) -> tuple[float, ...]:
@@ -181,10 +201,10 @@ def _add_gain(explanation: Explanation, result: EffectSearchResult, fit: EffectF
     return replace(explanation, gain=gain.energy / result.gap_energy, gain_error=gain.error / result.gap_energy)
 
 
-def _gap(scorer: HeldOutScorer, corrected: bool, noise_source: str) -> Gap:
+def _gap(scorer: HeldOutScorer, noise_source: str) -> Gap:
     blocks = scorer.blocks
     rms, ci95 = blocks.rms(scorer.before)
-    rest, rest_ci95 = blocks.rms(blocks.energy(scorer.alone)) if corrected else (rms, ci95)
+    rest, rest_ci95 = blocks.rms(scorer.corrected)
     noise_N = float(np.sqrt(blocks.noise.sum() / max(float(blocks.ticks.sum()), 1.0)))
     logged_N = noise_N * noise_floor_N(blocks.traces, as_logged=True) / max(noise_floor_N(blocks.traces), 1e-12)
     force = usable_values(blocks.traces, [t.force for t in blocks.traces])
@@ -207,19 +227,21 @@ def collect_evidence(search: SearchFindings, scores: HeldOutScores) -> VerdictEv
             own_error_N([s.trace for s in scores.series]),
         ),
         held_out_ci95_N=gap.corrected_ci95_N,
-        composition=tuple(e for e in composition.effects if e != TIMING),
+        composition=composition.effects,
         closed=closed_share(gap, composition),
         closed_alone={c.effects[0]: closed_share(gap, c) for c in scores.causes},
         learnt=closed_share(gap, replace(composition, gap_after_N=scores.ceiling_after_N)).value,
         is_undetermined=has_undetermined_effect(composition),
+        in_band_N=gap.noise_in_band_N,
+        is_rare=scores.rare is not None,
     )
 
 
 def closed_share(gap: Gap, explanation: Explanation) -> ClosedShare:
     """Return the share of the held-out gap's energy, after the correction, that an explanation closes."""
-    left_N = [explanation.gap_after_N, *(gap.rms_N * (1.0 - shrink) for shrink in explanation.shrink_ci95)]
     before_N = gap.corrected_N if gap.corrected_N > 0.0 else math.nan
-    return ClosedShare(*(1.0 - (after_N / before_N) ** 2 for after_N in left_N))
+    left = [explanation.gap_after_N / before_N, *(1.0 - shrink for shrink in explanation.shrink_ci95)]
+    return ClosedShare(*(1.0 - share**2 for share in left))
 
 
 def apply_judgement(scores: HeldOutScores, judgement: Judgement) -> HeldOutScores:
@@ -229,7 +251,9 @@ def apply_judgement(scores: HeldOutScores, judgement: Judgement) -> HeldOutScore
     """
     odds, together = judgement.probabilities.effects, scores.composition
     causes = [replace(c, probability=odds[c.effects[0]]) for c in scores.causes]
-    scores = replace(scores, causes=tuple(sorted(causes, key=lambda c: -c.probability)))
+    together = replace(together, probability=sum(odds.get(name, 0.0) for name in together.effects))
+    ranked = tuple(sorted(causes, key=lambda c: -c.probability))
+    scores = replace(scores, causes=ranked, composition=together)
     if judgement.verdict != NO_GAP and not together.gap_after_N >= scores.gap.corrected_N:
         return scores
     series = tuple(replace(s, augmented=s.corrected) for s in scores.series)
@@ -261,7 +285,7 @@ class Explanation:
     shrink_ci95: Interval
     gain: float = 0.0  # cross-fitted share of the gap's energy explained on the fitted recordings
     gain_error: float = 0.0
-    probability: float = 0.0
+    probability: float = 0.0  # of a composition: of its effects together
     without_N: tuple[float, ...] = ()  # the gap left without each of several effects, the others refitted
 
 
@@ -334,6 +358,7 @@ class HeldOutScorer:
     exact: tuple[Plant, ...]
     alone: tuple[F, ...]  # the plant's force on each held-out trace
     before: F  # energy in each block of the gap of the original simulation
+    corrected: F  # the same after the correction: what effects shrink
     optional: OptionalSteps = field(default_factory=OptionalSteps)
 
     def forces(self, fit: EffectFit, exact: bool) -> tuple[F, ...]:
@@ -349,7 +374,7 @@ class HeldOutScorer:
     def explain(self, fit: EffectFit | None = None, forces: Sequence[F] | None = None) -> Explanation:
         """Return the explanation by a fit whose `forces` [N] are known; by no effect, after the correction, if None."""
         after = self.blocks.energy(self.alone if forces is None else forces)
-        score = self.blocks.rms(after)[0], *self.blocks.shrink(self.before, after)
+        score = self.blocks.rms(after)[0], *self.blocks.shrink(self.corrected, after)
         if fit is None:
             return Explanation((), (), Composition(), (), *score)
         forms = tuple(e.form for e in fit.effects)
@@ -361,4 +386,5 @@ def build_scorer(blocks: Blocks, plant: Plant, exact: TraceSimulator) -> HeldOut
     quick = tuple(plant.prepare_for(t) for t in blocks.traces)
     best = tuple(replace(plant, simulation=exact).prepare_for(t) for t in blocks.traces)
     alone = tuple(plant.alone(t) for t in blocks.traces)
-    return HeldOutScorer(blocks, quick, best, alone, blocks.energy([t.simulated_as_logged for t in blocks.traces]))
+    before = blocks.energy([t.simulated_as_logged for t in blocks.traces])
+    return HeldOutScorer(blocks, quick, best, alone, before, blocks.energy(alone))

@@ -20,8 +20,8 @@ from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.errors import GapError
 from ces_gap.experiment.candidates import list_candidate_experiments, reach_of
 from ces_gap.experiment.next_experiment import experiment_files, find_pairs, propose_experiment, simulate_experiment
+from ces_gap.inference.judgement import AMBIGUOUS, Judgement
 from ces_gap.inference.odds import Probabilities
-from ces_gap.inference.verdict import AMBIGUOUS, Judgement
 from ces_gap.trace import Trace, TraceInputs
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
