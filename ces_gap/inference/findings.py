@@ -138,7 +138,7 @@ def timing_notes(result: EffectSearchResult, judgement: Judgement) -> tuple[str,
     side, how = "early" if skew > 0.0 else "late", "less" if spread > 0.0 else "more"
     return (
         f"timing: the simulated force comes {abs(skew):.2f} samples {side} and is {how} smoothed than the measured one "
-        f"(by {abs(spread):.2f} samples²): an error of logging or resampling",
+        f"(by {abs(spread):.2f} samples²), as by a filter, logging or resampling",
     )
 
 

@@ -49,7 +49,6 @@ MAX_MAP_REST = 0.2
 CLEARLY_MORE = 1.15
 CLEAR = 1.5
 MAX_NONE = 1.0 / 3.0  # of a gap that is not within anything: it never leads, by definition
-MIN_PROBABILITY = 1e-12  # of a cause in the composition, so that shares of it are defined
 
 
 def judge(evidence: VerdictEvidence) -> Judgement:
@@ -58,7 +57,7 @@ def judge(evidence: VerdictEvidence) -> Judgement:
     No gap also requires that the gap lies within what cannot be told from none, and that no rare deviation stands out.
     Known effects are "named" only if nothing speaks against them; whatever does becomes possible by it.
     """
-    e, raw = evidence, _normalise(evidence.search.odds, evidence.composition)
+    e, raw = evidence, evidence.search.odds.normalise(evidence.composition)
     odds = weighed = _weigh_held_out(e, raw)
     if not e.is_rare:
         odds = _weigh_within(e, odds)
@@ -77,21 +76,6 @@ def judge(evidence: VerdictEvidence) -> Judgement:
     for names in doubts.values():
         odds = _make_possible(odds, names, e.composition)
     return Judgement(AMBIGUOUS if doubts else NAMED, odds, "", next(iter(doubts), ""), alternatives, ties)
-
-
-def _normalise(odds: Probabilities, composition: Sequence[str]) -> Probabilities:
-    """Return finite probabilities that sum to 1, each cause's above 0; unknown ones count as 0."""
-
-    def known(probability: float) -> float:
-        return min(max(probability, 0.0), 1.0) if math.isfinite(probability) else 0.0
-
-    none, unknown = known(odds.none), known(odds.unknown)
-    effects = {name: known(odds.effects.get(name, 0.0)) for name in dict.fromkeys((*odds.effects, *composition))}
-    effects |= {name: max(effects[name], MIN_PROBABILITY) for name in composition}
-    total = none + unknown + sum(effects.values())
-    if total <= 0.0:
-        return Probabilities(0.0, 1.0, effects)
-    return Probabilities(none / total, unknown / total, {name: p / total for name, p in effects.items()})
 
 
 def _weigh_held_out(e: VerdictEvidence, odds: Probabilities) -> Probabilities:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from bands import make_band
 from damper_models import plain_damper
-from engine_plant import NOISE_N, SIMULATION, WEIGHTS, F, Truth, add_predictions, damper, recorded
+from engine_plant import NOISE_N, RATE_HZ, SIMULATION, WEIGHTS, F, Truth, add_predictions, damper, recorded
 from hydraulic_models import make_hydraulic
 from physical_models import PLAIN_VALVE
 
@@ -32,6 +32,7 @@ from ces_identify.simulations.simulate import sample_force
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, RecordedSimulation, Simulation
 
 STIFFNESS = 3000.0
+QUICK = DiagnoseOptions(experiment=False)
 
 FEW = ("friction", "coulomb_stribeck"), ("gas_spring", "linear"), ("position_delay", "shift"), ("inertia", "mass")
 
@@ -263,6 +264,28 @@ def test_the_verdict_stands_if_no_experiment_can_be_simulated(few_effects: None)
     found = diagnose(simulation, "short_memory", real, held_out, reference)
     assert found.verdict == UNKNOWN and found.composition.effects and found.next_experiment is None
     assert "next experiment not available: the simulation refuses all" in found.notes[-1]
+
+
+def test_what_the_simulation_does_to_its_force_is_a_cause_with_a_name(few_effects: None) -> None:
+    def late_force(time_s: F, position_m: F, current_A: F) -> F:
+        return np.interp(time_s - 0.7 / RATE_HZ, time_s, damper(time_s, position_m, current_A))
+
+    real, held_out = [recorded(seed=s, seconds=5.0) for s in (1, 2)], [recorded(seed=3, seconds=5.0)]
+    found = diagnose(FunctionSimulation("late", late_force), "late", real, held_out, (), QUICK)
+    assert found.verdict == NAMED and {*found.composition.effects} <= {"simulation_timing", "position_delay"}
+    assert found.sentence.startswith("The gap is caused by the simulation's timing")
+    assert found.causes[0].effects == ("simulation_timing",) and found.composition.probability > 0.9
+
+
+def test_a_rare_event_is_a_gap_with_a_place(few_effects: None) -> None:
+    def struck(time_s: F, position_m: F, current_A: F) -> F:
+        return damper(time_s, position_m, current_A) + 100.0 * (np.abs(time_s - 3.3) < 0.01)
+
+    real, held_out = [recorded(seed=s, seconds=8.0) for s in (1, 2)], [recorded(struck, 3, 8.0)]
+    found = diagnose(SIMULATION, "damper.py", real, held_out, (), QUICK)
+    assert found.gap.rms_N < found.tolerance_N and found.verdict == UNKNOWN and found.probability_none < 0.5
+    assert "A short deviation stands out" in found.sentence and "at 3.3" in found.sentence
+    assert diagnose(SIMULATION, "damper.py", real, [recorded(seed=3)], (), QUICK).verdict == NO_GAP
 
 
 @pytest.mark.parametrize("calls", [15, 22])
