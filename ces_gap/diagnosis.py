@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,8 +16,7 @@ from ces_gap.experiment.next_experiment import NextExperiment
 from ces_gap.grid import is_constant
 from ces_gap.inference.fit import Estimate, Interval
 from ces_gap.inference.held_out import Explanation, Gap, HeldOutSeries
-from ces_gap.inference.odds import VerdictFigures
-from ces_gap.inference.verdict import (
+from ces_gap.inference.judgement import (
     ALTERNATIVES,
     AMBIGUOUS,
     CALIBRATION,
@@ -24,6 +24,8 @@ from ces_gap.inference.verdict import (
     NAMED,
     NO_GAP,
     NOT_CONFIRMED,
+    PARAMETERS,
+    REMAINS,
     SIMULATION_ERROR,
     TIMING,
     UNDETERMINED,
@@ -32,10 +34,12 @@ from ces_gap.inference.verdict import (
     WITHIN_NOISE,
     WITHIN_TOLERANCE,
 )
+from ces_gap.inference.odds import VerdictFigures
+from ces_gap.inference.rare import RareDeviation
 from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
 from ces_gap.regions.axes import GapMap, GapRegion, Where
 from ces_gap.trace import usable_inputs, usable_values
-from ces_report.typesetting import format_number, format_range, join_with
+from ces_report.typesetting import format_number, format_range, join_with, minus
 
 __all__ = [
     "AMBIGUOUS", "NAMED", "NO_GAP", "UNKNOWN", "Diagnosis", "Estimate", "Explanation", "Gap", "GapMap", "GapRegion",
@@ -58,7 +62,6 @@ class Diagnosis:
     not_separable: tuple[str, ...]  # effects that a recalibration could absorb (without references)
     invisible: tuple[tuple[str, str], ...]  # effect, reason why these recordings cannot show it
     ceiling_after_N: float
-    wrong: Explanation | None  # control: the best effect outside the composition
     no_gap_reason: str  # of the verdict "no_gap": WITHIN_... of `inference/verdict.py`, "" otherwise
     tolerance_N: float  # a gap up to this RMS counts as none
     visible_from_N: float  # RMS below which an effect would hide behind noise and the simulation's own error
@@ -78,6 +81,7 @@ class Diagnosis:
     alternatives: tuple[str, ...] = ()  # effects outside the composition that stay possible
     timed_N: float = float("nan")  # gap after the simulation's timing was fitted
     probe: SimulationProbe = NOT_PROBED  # what the simulation does to its inputs
+    rare: RareDeviation | None = None  # the largest local deviation, if it stands out
 
     def __repr__(self) -> str:
         return f"<{self.verdict}: {self.sentence}>"
@@ -127,6 +131,12 @@ def find_closest(diagnosis: Diagnosis) -> Explanation | None:
     return min(known, key=lambda e: e.gap_after_N, default=None)
 
 
+def find_best_other(diagnosis: Diagnosis, shown: Explanation) -> Explanation | None:
+    """Return the effect that alone closes most beside what is `shown`; None if there is none."""
+    others = [c for c in diagnosis.causes if c.effects[0] not in shown.effects and math.isfinite(c.shrink)]
+    return max(others, key=lambda c: c.shrink, default=None)
+
+
 def format_verdict(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence."""
     gap, after_N, effects = diagnosis.gap, diagnosis.composition.gap_after_N, _causes(diagnosis, diagnosis.composition)
@@ -135,10 +145,9 @@ def format_verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == UNKNOWN:
         size = f"{_newtons(gap.corrected_N)} RMS{gap.own_error}"
         return f"None of the known effects explains the gap of {size}{_describe_rest(diagnosis)}."
-    shrink = f"the gap shrinks from {_newtons(gap.rms_N)} to {_newtons(after_N)} RMS"
+    shrink = f"the gap{gap.own_error} {_describe_shrink(gap.corrected_N, after_N)}"
     if diagnosis.verdict == AMBIGUOUS:
         ambiguity = _describe_ambiguity(diagnosis)
-        shrink = f"the gap{gap.own_error} shrinks from {_newtons(gap.corrected_N)} to {_newtons(after_N)} RMS"
         fitted = f"with {_join(effects, 'and')}, {shrink}" if effects else "what was fitted enlarges the held-out gap"
         return f"{ambiguity[:1].upper()}{ambiguity[1:]}; {fitted}."
     if tuple(effects) == (CALIBRATION,):
@@ -150,6 +159,11 @@ def format_verdict(diagnosis: Diagnosis) -> str:
     named = f"The gap is caused by {_join(effects, 'and')}: with {added} added, {shrink} on held-out recordings"
     imitated = [e for e in effects if e in diagnosis.not_separable and CALIBRATION not in effects]
     return f"{named}; a recalibration of the simulation would explain it, too." if imitated else f"{named}."
+
+
+def _describe_shrink(before_N: float, after_N: float) -> str:
+    before, after = _newtons(before_N), _newtons(after_N)
+    return f"of {before} RMS hardly shrinks" if before == after else f"shrinks from {before} to {after} RMS"
 
 
 def _describe_rest(diagnosis: Diagnosis) -> str:
@@ -164,12 +178,28 @@ def _describe_rest(diagnosis: Diagnosis) -> str:
 
 
 def describe_timing(diagnosis: Diagnosis) -> str:
-    """Return a sentence on the gap beyond the timing of the simulation's inputs, empty if that was not corrected."""
-    if not diagnosis.probe.corrected:
+    """Return a sentence on what the simulation does to its inputs, empty if that was not corrected."""
+    gap, probe = diagnosis.gap, diagnosis.probe
+    if not probe.corrected:
         return ""
-    gap, own = diagnosis.gap, "" if diagnosis.correction is None else " and its own error"
-    beyond = f"{_newtons(gap.corrected_N)} lie beyond the timing of the simulation's inputs{own}"
-    return f" Of {_newtons(gap.rms_N)} RMS, {beyond}, which the report describes."
+    found = " and ".join(f"{one.about.lower()} {one.found}" for one in probe.findings)
+    if diagnosis.correction is not None or not gap.own_error:
+        return f" The simulation's timing of its inputs ({found}) is corrected first."
+    whole, left = _newtons(gap.rms_N), _newtons(gap.corrected_N)
+    return f" The simulation's timing of its inputs ({found}) causes all but {left} of its {whole} RMS."
+
+
+def describe_rare(diagnosis: Diagnosis) -> str:
+    """Return a sentence on the largest local deviation, with its place; empty if none stands out."""
+    rare = diagnosis.rare
+    if rare is None:
+        return ""
+    size = f"{minus(f'{rare.mean_N:+.0f}')} N over {format_number(1e3 * rare.window_s)} ms"
+    inputs = f"stroke {format_number(1e3 * rare.stroke_m)} mm, speed {format_number(rare.speed_m_s)} m/s"
+    where = f"{rare.time_s:.2f} s of {rare.recording} ({inputs}, current {format_number(rare.current_A)} A)"
+    return (
+        f" A short deviation stands out, which an RMS hides: {size} at {where}; noise stays below {rare.limit_N:.0f} N."
+    )
 
 
 def _describe_no_gap(diagnosis: Diagnosis) -> str:
@@ -185,7 +215,9 @@ def _describe_no_gap(diagnosis: Diagnosis) -> str:
         hidden = f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen"
         return f"No gap: {left_N:.0f} N RMS between simulation and measurement, within {own}; {hidden} behind it."
     if reason == WITHIN_BASELINE:
-        explained = f"the references explain all but {left_N:.0f} N of the {gap.rms_N:.0f} N RMS"
+        left, whole = f"{left_N:.0f} N", f"{gap.rms_N:.0f} N RMS"
+        explained = f"the references explain all but {left} of the {whole}"
+        explained = f"{whole} are left, as on references" if f"{left} RMS" == whole else explained
         hidden = f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen"
         return f"No gap beyond the simulation's own error: {explained}; {hidden} behind this simulation's error."
     if reason == WITHIN_NOISE:
@@ -195,9 +227,9 @@ def _describe_no_gap(diagnosis: Diagnosis) -> str:
 
 
 def _causes(diagnosis: Diagnosis, explanation: Explanation) -> list[str]:
-    """Return the effects of an explanation, the one that closes most alone first, without the simulation's timing."""
+    """Return the effects of an explanation, the one that closes most alone first."""
     alone = {c.effects[0]: c.gap_after_N for c in diagnosis.causes}
-    return sorted((e for e in explanation.effects if e != TIMING), key=lambda e: alone.get(e, np.inf))
+    return sorted(explanation.effects, key=lambda e: alone.get(e, np.inf))
 
 
 def _describe_ambiguity(diagnosis: Diagnosis) -> str:
@@ -213,10 +245,13 @@ def _describe_ambiguity(diagnosis: Diagnosis) -> str:
     if diagnosis.doubt == SIMULATION_ERROR:
         imitated = [e for e in effects if e in diagnosis.not_separable]
         return f"{_join(imitated or effects, 'and')} may be an error of the simulation itself"
+    if diagnosis.doubt == REMAINS:
+        learnt = _newtons(diagnosis.ceiling_after_N)
+        return f"something else remains beside {_join(effects, 'and')}, as a learner without physics leaves {learnt}"
     return {
         NOT_CONFIRMED: "the held-out recordings do not confirm the best explanation",
         UNDETERMINED: "the interval of an effect's size includes no effect",
-        LEAVES_MORE: "the best explanation leaves more of the gap than it closes",
+        LEAVES_MORE: "the best explanation leaves more of the gap's energy than it closes",
     }.get(diagnosis.doubt, "the best explanation is not certain enough to be named")
 
 
@@ -227,4 +262,5 @@ def _newtons(value: float) -> str:
 def _join(effects: Sequence[str], last: str) -> str:
     """Return `a, b and c`."""
     own = {CALIBRATION: "the simulation's force map", TIMING: "the simulation's timing"}
+    own[PARAMETERS] = "the simulation's parameters"
     return join_with([own.get(e, e.replace("_", " ")) for e in effects], last)

@@ -8,12 +8,11 @@ Each stage is a function from records to a record:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ces_data.recording import Recording
-from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis, describe_timing, format_verdict
+from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis, describe_rare, describe_timing, format_verdict
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library, require_sound
 from ces_gap.effects.simulation_errors import simulation_errors
@@ -22,9 +21,10 @@ from ces_gap.inference.evidence import Baseline, learn_baseline
 from ces_gap.inference.findings import bound_notes, collect_findings, timing_notes
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.held_out import HeldOutScores, apply_judgement, collect_evidence, score_held_out
+from ces_gap.inference.judgement import Judgement, SearchFindings
 from ces_gap.inference.odds import calibration
 from ces_gap.inference.search import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED, EffectSearchResult, search
-from ces_gap.inference.verdict import Judgement, SearchFindings, judge
+from ces_gap.inference.verdict import judge
 from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_notes
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
@@ -88,14 +88,16 @@ def diagnose(
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
     progress("computing the ceiling", 0.0)
     weights = calibration(_mode(simulation, inputs))
-    findings = collect_findings(baseline, result, inputs.best, weights, options.tolerance)
+    recorded = inputs.exact is None
+    findings = collect_findings(baseline, result, inputs.best, weights, options.tolerance, recorded)
     scores = score_held_out(inputs, baseline, result, findings, options.seed, progress)
     judgement = judge(collect_evidence(findings, scores))
     scores = apply_judgement(scores, judgement)
     stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement)
     diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
     diagnosis = replace(diagnosis, notes=(*notes, *seen, *diagnosis.notes))
-    return replace(diagnosis, sentence=format_verdict(diagnosis) + describe_timing(diagnosis))
+    sentence = format_verdict(diagnosis) + describe_rare(diagnosis) + describe_timing(diagnosis)
+    return replace(diagnosis, sentence=sentence)
 
 
 def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:
@@ -109,7 +111,6 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
     """Return the diagnosis with the location of the gap and the next experiment; a note for each that fails."""
     inputs, baseline, result, optional = stages.inputs, stages.baseline, stages.result, OptionalSteps()
     findings, scores, judgement = stages.findings, stages.scores, stages.judgement
-    outside = [c for c in scores.causes if c.effects[0] not in scores.composition.effects]
     progress("locating the gap", 0.0)
     location = optional.run(
         "location of the gap",
@@ -143,7 +144,6 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
         rest=location.rest,
         causes=scores.causes,
         composition=scores.composition,
-        wrong=max(outside, key=lambda c: c.shrink if math.isfinite(c.shrink) else -math.inf, default=None),
         ceiling_after_N=scores.ceiling_after_N,
         indistinguishable=judgement.ties,
         not_separable=findings.absorbed,
@@ -155,6 +155,7 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
         twin=inputs.twin,
         held_out=scores.series,
         notes=(
+            *scores.notes,
             *optional.notes,
             *timing_notes(result, judgement),
             *bound_notes(scores.composition.composition, scores.composition.estimates),
@@ -162,4 +163,5 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
         correction=baseline.correction,
         figures=findings.figures,
         probe=inputs.probe,
+        rare=scores.rare,
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-import numpy as np
-
+from ces_identify.jobs import describe_error
 from ces_observer.errors import CesError
 
 Progress = Callable[[str, float], None]  # the present step and the share of it that is done
@@ -19,8 +19,6 @@ def ignore_progress(step: str, share: float) -> None:
 
 T = TypeVar("T")
 
-FAILURES = (CesError, np.linalg.LinAlgError, ArithmeticError)  # no programming errors
-
 
 @dataclass(frozen=True)
 class OptionalSteps:
@@ -29,9 +27,12 @@ class OptionalSteps:
     notes: list[str] = field(default_factory=list)
 
     def run(self, what: str, step: Callable[[], T], otherwise: T) -> T:
-        """Return the result of `step`; if the recordings, the simulation or the numbers prevent it, `otherwise`."""
+        """Return the result of `step`, or `otherwise` if it raises; the traceback of what nobody foresaw is logged."""
         try:
             return step()
-        except FAILURES as error:
+        except CesError as error:
             self.notes.append(f"{what} not available: {error}")
-            return otherwise
+        except Exception as error:  # whatever it is, the rest of the diagnosis stands
+            logging.getLogger(__name__).exception("%s", what)
+            self.notes.append(f"{what} not available: {describe_error(error)}")
+        return otherwise

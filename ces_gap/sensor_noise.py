@@ -14,7 +14,6 @@ from functools import cache
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import toeplitz
-from scipy.signal import spectrogram
 
 from ces_data.arrays import F, I, Mask
 from ces_gap.grid import rms
@@ -62,13 +61,15 @@ class NoiseEstimate:
 class MeasuredNoise:
     """The noise of the measured force on the grid, RMS [N], its `source`, and the `estimates` of all sources.
 
-    It is `known` if at least one source limits it from above; otherwise `rms_N` is only the best guess.
+    It is `known` if at least one source limits it from above; otherwise `rms_N` is only the best guess. The share
+    `passes` of the noise of the logged samples is left on the grid, which has a narrower band.
     """
 
     rms_N: float
     source: str
     estimates: tuple[NoiseEstimate, ...] = ()
     known: bool = False
+    passes: float = 1.0
 
     def describe_source(self) -> str:
         """Return the source in a few words, as in `8.1 N from repeated cycles`."""
@@ -81,12 +82,16 @@ UNMEASURED = MeasuredNoise(0.0, NO_SOURCE)
 MAX_COLOUR = 0.1  # autocorrelation from tick to tick, above that of white noise, of noise that counts as white
 
 
-def measure_noise(samples: F, resample: Callable[[F], F], signals: GridSignals) -> MeasuredNoise:
+def measure_noise(
+    samples: F, resample: Callable[[F], F], signals: GridSignals, simulated: F | None = None
+) -> MeasuredNoise:
     """Return the noise of the force on the grid: the smallest valid upper bound, otherwise the largest lower bound.
 
-    `samples` [N] (m,) are the logged forces; `resample` returns m values on the grid (n,).
+    `samples` [N] (m,) are the logged forces, `simulated` [N] (m,) those of a simulation, NaN where it has none;
+    `resample` returns m values on the grid (n,).
     """
-    values = samples[np.isfinite(samples)]
+    known = np.isfinite(samples)
+    values = samples[known]
     if not signals.usable.any() or not len(values) or np.ptp(values) == 0.0:
         return UNMEASURED
     white = resample(np.random.default_rng(0).standard_normal(len(samples)))  # resampling attenuates noise
@@ -94,7 +99,8 @@ def measure_noise(samples: F, resample: Callable[[F], F], signals: GridSignals) 
     quantum = find_quantum_N(values)
     floor = NoiseEstimate(QUANTUM, quantum / math.sqrt(12.0) * on_grid, "a lower bound")
     repeated = [estimate_from_cycles(signals), estimate_from_standstill(signals)]
-    high = estimate_from_spectrum(values, quantum, on_grid)
+    errors = np.array([]) if simulated is None else (samples - simulated)[known & np.isfinite(simulated)]
+    high = estimate_from_differences(values, errors, quantum, on_grid)
     coloured = next((e for e in repeated if e.valid and e.lag1 > white_lag1 + MAX_COLOUR), None)
     if coloured is not None and high.valid:
         high = replace(high, problem=f"the noise at {coloured.source} is not white")
@@ -103,15 +109,15 @@ def measure_noise(samples: F, resample: Callable[[F], F], signals: GridSignals) 
     best = min(valid, key=lambda e: e.rms_N) if valid else max([*estimates, floor], key=lambda e: e.rms_N)
     if best.rms_N < floor.rms_N:
         best = floor
-    return MeasuredNoise(best.rms_N, best.source, (*estimates, floor), bool(valid))
+    passes = on_grid if coloured is None else 1.0  # noise that a filter has left lies in the band of the grid
+    return MeasuredNoise(best.rms_N, best.source, (*estimates, floor), bool(valid), passes)
 
 
-SEGMENT = 64  # samples of a spectrum
-QUIET = 0.1  # share of the spectra that count as quiet
-TOP = (7 / 8, 1.0)  # of the Nyquist frequency
-BELOW_TOP = ((3 / 4, 7 / 8), (5 / 8, 3 / 4), (1 / 2, 5 / 8))
-MAX_FALL = (1.25, 1.3, 1.5)  # power in the bands below the top, over that at the top, of a flat spectrum
-MIN_OVER_QUANTUM = 1.5  # power at the top over that of the quantisation, if the noise is not filtered
+ORDER = 6  # of the differences that show the noise: a force that is smooth over as many samples vanishes in them
+MAX_FALL = {1: 1.4, 2: 1.2}  # power in differences of lower orders over that in ORDER, of a spectrum that is flat
+WINDOW = 8  # differences in a window
+QUIET = 0.25  # share of the windows that count as quiet: not during a reversal or a step
+MIN_OVER_QUANTUM = 1.5  # power over that of the quantisation, if the noise is not filtered
 MIN_SAMPLES = 200
 WHITE_SAMPLES = 200_000  # of white noise of 1 N, which calibrates the levels
 MAX_STEPS = 1e6  # of the quantum in the largest difference; finer steps are rounding of the file's numbers
@@ -133,32 +139,35 @@ def find_quantum_N(values: F) -> float:
     return step if float(np.quantile(off, 0.9)) < 0.05 else 0.0
 
 
-def estimate_from_spectrum(values: F, quantum_N: float, on_grid: float) -> NoiseEstimate:
-    """Return white noise as strong as the top eighth of the spectrum of samples `values` [N] (n,).
+def estimate_from_differences(values: F, errors: F, quantum_N: float, on_grid: float) -> NoiseEstimate:
+    """Return white noise as strong as the differences of high order of the logged samples `values` [N] (n,).
 
+    The `errors` [N] of a simulation hold the same noise and less of the damper's force: the smaller of the two counts.
     White noise of 1 N at the samples is `on_grid` [N] on the grid.
     """
     if len(values) < MIN_SAMPLES:
         return NoiseEstimate(HIGH_FREQUENCIES, 0.0, f"{len(values)} samples")
-    top, *below = _quiet_levels(values) / _quiet_levels_of_white_noise()
+    some = [values, errors] if len(errors) >= MIN_SAMPLES else [values]
+    quietest = min(some, key=lambda samples: _quiet_power(samples, ORDER))
+    power, *low = (_quiet_power(quietest, k) / _quiet_power_of_white_noise(k) for k in (ORDER, *MAX_FALL))
     problem = ""
-    if top < MIN_OVER_QUANTUM * quantum_N**2 / 12.0:
+    if power < MIN_OVER_QUANTUM * quantum_N**2 / 12.0:
         problem = "the spectrum ends at the noise of the quantisation"
-    elif any(level > fall * top for level, fall in zip(below, MAX_FALL, strict=True)):
+    elif all(level > fall * power for level, fall in zip(low, MAX_FALL.values(), strict=True)):
         problem = "the spectrum still falls at its top"
-    return NoiseEstimate(HIGH_FREQUENCIES, float(np.sqrt(top)) * on_grid, problem)
+    return NoiseEstimate(HIGH_FREQUENCIES, float(np.sqrt(power)) * on_grid, problem)
 
 
 @cache
-def _quiet_levels_of_white_noise() -> F:
-    return _quiet_levels(np.random.default_rng(1).standard_normal(WHITE_SAMPLES))
+def _quiet_power_of_white_noise(order: int) -> float:
+    return _quiet_power(np.random.default_rng(1).standard_normal(WHITE_SAMPLES), order)
 
 
-def _quiet_levels(values: F) -> F:
-    """Return the power of the quiet parts at the top of the spectrum and in the bands below it."""
-    frequency, _, power = spectrogram(values, 2.0, "hann", SEGMENT, SEGMENT // 2)
-    bands = [power[(frequency >= low) & (frequency < high)].mean(0) for low, high in (TOP, *BELOW_TOP)]
-    return np.asarray([np.quantile(band, QUIET) for band in bands])
+def _quiet_power(values: F, order: int) -> float:
+    """Return the mean square [N²] of the differences of an `order` in quiet windows."""
+    differences_N = np.diff(values, order)
+    windows = differences_N[: len(differences_N) // WINDOW * WINDOW].reshape(-1, WINDOW)
+    return float(np.quantile((windows**2).mean(1), QUIET))
 
 
 MIN_PERIOD_S = 0.05

@@ -163,7 +163,10 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
     force = thin_out(force, factor)
     if noise is None and channel is not None:
         signals = GridSignals(rate, inputs.position, inputs.speed, acceleration, inputs.current, force, usable[keep])
-        noise = measure_noise(channel.values, lambda v: thin_out(interpolate(force_s, v, base), factor), signals)
+        beside = np.interp(force_s, seconds, simulated_N, np.nan, np.nan)
+        noise = measure_noise(
+            channel.values, lambda v: thin_out(interpolate(force_s, v, base), factor), signals, beside
+        )
     noise = noise or UNMEASURED
     return Trace(
         name=recording.name,
@@ -230,9 +233,10 @@ def usable_inputs(traces: Sequence[Trace], name: str) -> F:
     return usable_values(traces, [getattr(t.inputs, name) for t in traces])
 
 
-def noise_floor_N(traces: Sequence[Trace]) -> float:
-    """Return the RMS [N] of the measured noise of several traces together."""
-    return float(np.sqrt(np.mean([t.noise_N**2 for t in traces])))
+def noise_floor_N(traces: Sequence[Trace], as_logged: bool = False) -> float:
+    """Return the RMS [N] of the measured noise of several traces together, on the grid or of the samples as logged."""
+    shares = [t.measured_noise.passes if as_logged else 1.0 for t in traces]
+    return float(np.sqrt(np.mean([(t.noise_N / share) ** 2 for t, share in zip(traces, shares, strict=True)])))
 
 
 def own_error_N(traces: Sequence[Trace]) -> float:

@@ -26,7 +26,7 @@ from bench.gaps.real_cases import (
 )
 from bench.measurement import print_note
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis, Estimate
-from ces_gap.inference.verdict import CALIBRATION, TIMING
+from ces_gap.inference.judgement import CALIBRATION, TIMING
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 
 HEADER = ("simulation and recordings", "in truth", "answer", "judged", "shrink %", "parameters", "independent")

@@ -3,8 +3,8 @@
 Every mode has a folder of its own in the folder for results. The seal is never opened: a folder with a copy of `cases/`
 is enough. The results of a case are `gap.json`, `augmented.json`, `decision.json` (the figures behind the verdict),
 `replay.npz` with forces [N] at the position samples of the held-out recordings (`NAME_simulated_N` of the simulation,
-`NAME_augmented_N` from the saved file), and last `row.json`. A model that was identified in place of the simulation is
-`model.json`.
+`NAME_corrected_N` with what references taught, `NAME_augmented_N` with the effects, too), and last `row.json`. A model
+that was identified in place of the simulation is `model.json`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -171,14 +171,15 @@ def _read_bags(case: Path, names: Sequence[str]) -> list[Recording]:
 
 
 def _replay(out: Path, simulation: Simulation, held_out: Sequence[Recording]) -> None:
-    """Run the simulation over the held-out recordings, and the augmented one from its file."""
+    """Run the simulation over the held-out recordings, as it is, with its correction, and with effects too."""
     from ces_gap.augmented import load_augmented
+    from ces_gap.effects.effect import Composition
 
     augmented = load_augmented(out / AUGMENTED, open_simulation)
+    corrected = replace(augmented, composition=Composition())
     arrays: dict[str, NDArray[np.float32]] = {}
-    for recording in held_out:
-        arrays[f"{recording.name}_simulated_N"] = simulation.force(recording).astype(np.float32)
-        arrays[f"{recording.name}_augmented_N"] = augmented.force(recording).astype(np.float32)
+    for name, what in (("simulated", simulation), ("corrected", corrected), ("augmented", augmented)):
+        arrays |= {f"{r.name}_{name}_N": what.force(r).astype(np.float32) for r in held_out}
     part = out / f".part.{REPLAY}"
     np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
     part.replace(out / REPLAY)

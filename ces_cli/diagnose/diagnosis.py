@@ -19,13 +19,13 @@ from ces_cli.terminal.simulations import import_from_here, open_simulation, with
 from ces_data.recording import Recording
 from ces_gap.augmented import name_simulation
 from ces_gap.baseline.identified import MODEL, identify_baseline
-from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, GapRegion, Interval, Where
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, GapRegion, Interval, Where, find_best_other
 from ces_gap.effects.library import user_effect
 from ces_gap.inputs.checks import check_recordings
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
-from ces_gap.report.gap_json import gap_content
+from ces_gap.report.gap_json import gap_content, shrink_of_ceiling
 from ces_gap.report.result_files import REPORT, result_files
 from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
 from ces_identify.simulations.simulation import Simulation
@@ -48,7 +48,8 @@ def run_diagnosis(options: Namespace, command: str) -> None:
     given = None if options.identify else open_simulation(options.sim)
     roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
     recordings = {
-        role: [read_with_predictions(given, p, signals) for p in find_bags(words)] for role, words in roles.items()
+        role: [read_with_predictions(given, p, signals) for p in find_bags(words, repeated=True)]
+        for role, words in roles.items()
     }
     real, held_out, reference = recordings.values()
     doubts = check_recordings(real, held_out, reference)
@@ -161,10 +162,11 @@ def _print_lines(lines: Sequence[str]) -> None:
 
 def _gap_lines(diagnosis: Diagnosis) -> list[str]:
     """Return the size of the gap, how much of it remains, and how much controls leave."""
-    gap, together, wrong = diagnosis.gap, diagnosis.composition, diagnosis.wrong
+    gap, together = diagnosis.gap, diagnosis.composition
+    wrong = find_best_other(diagnosis, together)
     lines = [
-        f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on held-out data, noise subtracted "
-        f"(noise {_newtons(gap.noise_floor_N)} from {gap.noise_source}, J = {gap.cost_J:.2f} %)"
+        f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on held-out data, J = {gap.cost_J:.2f} % "
+        f"(noise {_newtons(gap.noise_floor_N)} from {gap.noise_source}; {gap.noise_in_band} subtracted)"
     ]
     errors = ["own error, learned from the references"] * (diagnosis.correction is not None)
     errors += ["timing of its inputs"] * bool(diagnosis.probe.corrected)
@@ -178,7 +180,7 @@ def _gap_lines(diagnosis: Diagnosis) -> list[str]:
             f"with {' + '.join(together.effects)}: {_newtons(together.gap_after_N)} left, the gap shrinks by "
             f"{_percent(together.shrink)} {interval}"
         )
-        ceiling = 1.0 - diagnosis.ceiling_after_N / gap.rms_N if gap.rms_N > 0.0 else math.nan
+        ceiling = shrink_of_ceiling(diagnosis)
         other = "" if wrong is None else f"the best other effect ({wrong.effects[0]}) {_percent(wrong.shrink)}, "
         lines.append(f"     for comparison: {other}a learner without physics {_percent(ceiling)}")
     return lines

@@ -19,8 +19,8 @@ from ces_gap.effects.effect import Setting
 from ces_gap.errors import GapError
 from ces_gap.experiment.candidates import Recipe, generate_waveforms, list_candidate_experiments, reach_of
 from ces_gap.experiment.matches import Match, Probe, find_nearest, refine_match, sample_tangents
+from ces_gap.inference.judgement import Judgement
 from ces_gap.inference.search import EffectSearchResult
-from ces_gap.inference.verdict import Judgement
 from ces_gap.trace import Trace, make_trace
 from ces_identify.numerics import search_clock
 from ces_identify.schema_files import schema_line
@@ -194,9 +194,10 @@ def find_pairs(result: EffectSearchResult, composition: Sequence[str], judgement
     """Return the pairs of effects that an experiment should distinguish.
 
     They are those that the recordings cannot distinguish, an effect of the composition and each that may be the cause
-    instead, or else the two that fit best.
+    instead, or else the two that fit best. Only effects that were fitted alone can be simulated apart.
     """
     settings = {f.names[0]: f.composition.settings[0] for f in result.alone if not f.effects[0].nuisance}
-    pairs = [group[:2] for group in judgement.ties] or [(*composition[:1], other) for other in judgement.alternatives]
-    first = [tuple(settings)[:2]] if len(settings) > 1 else []
-    return tuple((settings[a], settings[b]) for a, b in pairs or first)
+    first = next((name for name in (*composition, *judgement.alternatives) if name in settings), "")
+    pairs = [group[:2] for group in judgement.ties] or [(first, other) for other in judgement.alternatives]
+    apart = [pair for pair in pairs if len({*pair} & settings.keys()) == 2] or [tuple(settings)[:2]]
+    return tuple((settings[pair[0]], settings[pair[1]]) for pair in apart if len(pair) == 2)

@@ -27,6 +27,7 @@ from ces_gap.effects.effect import Composition
 from ces_gap.grid import count_through, rms
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.trace import Trace, noise_floor_N, own_error_N, usable_values
+from ces_observer.errors import CesError
 
 UNITS = 4  # the data are divided into at least as many parts, each left out once
 BLOCK_S = 0.5  # [s] residuals within a block count as one sample in standard errors
@@ -66,9 +67,12 @@ class Evidence:
     units: tuple[EvidenceUnit, ...]
 
     def forces(self, composition: Composition) -> list[F]:
-        """Return the force [N] with the effects around the plant, on each trace."""
+        """Return the force [N] with the effects around the plant, on each trace; NaN if the simulation refuses them."""
         rows = zip(self.plants, self.traces, self.alone, strict=True)
-        return [plant.with_effects(composition, trace, alone) for plant, trace, alone in rows]
+        try:
+            return [plant.with_effects(composition, trace, alone) for plant, trace, alone in rows]
+        except CesError:
+            return [np.full(len(trace), np.nan) for trace in self.traces]
 
     def whiten(self, values: Sequence[F]) -> F:
         """Return the whitened rows of values (n,) or (n, k) on each trace's grid."""

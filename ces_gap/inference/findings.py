@@ -13,6 +13,7 @@ from ces_gap.effects.effect import Composition
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters, measure_parameter_drift
+from ces_gap.inference.judgement import WITHIN_TIMING, GapSize, Judgement, SearchFindings
 from ces_gap.inference.odds import Calibration, VerdictFigures, probabilities
 from ces_gap.inference.search import (
     EffectSearchResult,
@@ -21,7 +22,6 @@ from ces_gap.inference.search import (
     interchangeable_effects,
     min_unexplained_shares,
 )
-from ces_gap.inference.verdict import WITHIN_TIMING, GapSize, Judgement, SearchFindings
 from ces_gap.trace import noise_floor_N, own_error_N, usable_values
 
 TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
@@ -35,17 +35,20 @@ def collect_findings(
     simulation: TraceSimulator,
     weights: Calibration,
     tolerance: float | None = None,
+    is_recorded: bool = False,
 ) -> SearchFindings:
     """Return the findings; `simulation` reruns the best explanation, `tolerance` is the user's (share of the force)."""
     evidence, best, rest = result.evidence, result.best, baseline.ceiling
     plants = [replace(baseline.plant, simulation=simulation).prepare_for(t) for t in evidence.traces]
     if best is not None:  # the generic learner, fitted to the rest of the best explanation
-        rows = zip(plants, evidence.traces, evidence.alone, strict=True)
-        rest = learn_ceiling(evidence.traces, [plant.with_effects(best.composition, t, a) for plant, t, a in rows])
+        forces = replace(evidence, plants=tuple(plants)).forces(best.composition)
+        refused = not all(np.isfinite(force).all() for force in forces)
+        rest = learn_ceiling(evidence.traces, evidence.forces(best.composition) if refused else forces)
 
     def allowance(fit: EffectFit) -> float:
         return twin_error_energy(evidence, plants, fit)
 
+    force_N = rms(usable_values(evidence.traces, [t.force for t in evidence.traces]))
     figures, size = compute_figures(result, baseline.ceiling, rest), measure_gap(result)
     together, twin_error = ((), 0.0) if best is None else (best.names, allowance(best) / result.gap_energy)
     return SearchFindings(
@@ -55,15 +58,20 @@ def collect_findings(
         size=size,
         rest_N=rest.learnt.noise.rms_N,
         visible_from_N=max(evidence.noise.rms_N, baseline.unseen_error_N),
-        tolerance_N=tolerance_N(
-            size, rms(usable_values(evidence.traces, [t.force for t in evidence.traces])), tolerance
-        ),
+        tolerance_N=tolerance_N(size.noise_N, force_N, tolerance),
         has_references=baseline.correction is not None,
         interchangeable=interchangeable_effects(result, allowance),
         absorbed=find_absorbed_effects(result),
-        is_map=best is not None and all(e.nuisance or e.prior_share > 0.0 for e in best.effects),
+        is_map=best is not None and is_map(best),
         twin_error=twin_error,
+        is_recorded=is_recorded,
     )
+
+
+def is_map(fit: EffectFit) -> bool:
+    """Return whether a fit is a calibration, with nothing but the simulation's timing beside it."""
+    maps = [e for e in fit.effects if e.prior_share > 0.0]
+    return bool(maps) and all(e in maps or e.nuisance for e in fit.effects)
 
 
 def measure_gap(result: EffectSearchResult) -> GapSize:
@@ -76,12 +84,13 @@ def measure_gap(result: EffectSearchResult) -> GapSize:
         errors = [trace.force - force for trace, force in zip(evidence.traces, modelled, strict=True)]
         above.append(float(np.sqrt(max(rms(usable_values(evidence.traces, errors)) ** 2 - noise_N**2, 0.0))))
     known = all(t.measured_noise.known for t in evidence.traces)
-    return GapSize(above[0], min(above), noise_N, known, own_error_N(evidence.traces))
+    logged_N = noise_floor_N(evidence.traces, as_logged=True)
+    return GapSize(above[0], min(above), logged_N, known, own_error_N(evidence.traces))
 
 
-def tolerance_N(size: GapSize, force_N: float, share: float | None) -> float:
+def tolerance_N(noise_N: float, force_N: float, share: float | None) -> float:
     """Return the gap [N] that counts as none: a `share` of the RMS force, by default small beside force and noise."""
-    return min(TOLERANCE_SHARE * force_N, TOLERANCE_NOISES * size.noise_N) if share is None else share * force_N
+    return min(TOLERANCE_SHARE * force_N, TOLERANCE_NOISES * noise_N) if share is None else share * force_N
 
 
 def twin_error_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:
@@ -98,7 +107,7 @@ def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling)
     """Return the figures; the learner was fitted to the gap `before` and `after` the best explanation."""
     evidence, best, baseline = result.evidence, result.best, result.baseline_residual
     timing = [f for f in result.alone if f.effects[0].nuisance and f.cost < baseline @ baseline]
-    if timing:  # the simulation's timing is not a part of the gap where correcting it is a gain
+    if timing and not (best is not None and timing[0].names[0] in best.names):  # corrected: no part of the gap
         baseline = timing[0].left_out
     residual = best.left_out if best is not None else baseline
     gain = compute_paired_gain(evidence, baseline, residual)
@@ -129,7 +138,7 @@ def timing_notes(result: EffectSearchResult, judgement: Judgement) -> tuple[str,
     side, how = "early" if skew > 0.0 else "late", "less" if spread > 0.0 else "more"
     return (
         f"timing: the simulated force comes {abs(skew):.2f} samples {side} and is {how} smoothed than the measured one "
-        f"(by {abs(spread):.2f} samples²): an error of logging or resampling",
+        f"(by {abs(spread):.2f} samples²), as by a filter, logging or resampling",
     )
 
 

@@ -17,6 +17,7 @@ from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence
 from ces_gap.trace import Trace, TraceInputs
+from ces_observer.errors import CesError
 
 ITERATIONS = 8
 STEP = 1e-3  # of a parameter's range: step of the difference quotients
@@ -380,12 +381,15 @@ class Refinement:
         return fit
 
     def anchor(self, evidence: Evidence, fit: EffectFit) -> Evidence:
-        """Return the evidence with twins that are exact at the fit."""
+        """Return the evidence with twins that are exact at the fit, as far as the simulation takes its inputs."""
         if self.exact is None or not fit.composition.reruns:
             return evidence
         plants = []
         for plant, trace, alone in zip(evidence.plants, evidence.traces, evidence.alone, strict=True):
             inputs = fit.composition.drive(trace, alone)
-            error = self.exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
+            try:
+                error = self.exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
+            except CesError:
+                return evidence
             plants.append(replace(plant, simulation=AnchoredTwin(plant.simulation, _change(trace, inputs), error)))
         return replace(evidence, plants=tuple(plants))

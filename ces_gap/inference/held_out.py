@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,24 +15,25 @@ from ces_gap.effects.effect import Composition
 from ces_gap.grid import number_blocks
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, Interval, estimate_parameters, fit_from
-from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
-from ces_gap.inference.ties import ClosedShare
-from ces_gap.inference.verdict import (
+from ces_gap.inference.judgement import (
     CALIBRATION,
     NO_GAP,
-    TIMING,
+    ClosedShare,
     GapSize,
     Judgement,
     SearchFindings,
     VerdictEvidence,
 )
+from ces_gap.inference.rare import RareDeviation, find_rare_deviation
+from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
 from ces_gap.inputs.prepare import DiagnosisInput
-from ces_gap.progress import Progress, ignore_progress
+from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
-from ces_gap.trace import Trace, own_error_N, usable_values
+from ces_gap.trace import Trace, noise_floor_N, own_error_N, usable_values
 
 BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
+SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
 MIN_CORRECTED = 0.995  # of the gap: a correction that takes less is not told
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
@@ -43,8 +44,9 @@ class Gap:
     """The gap on the held-out recordings, RMS [N] without measurement noise.
 
     `rms_N` is that of the original simulation, `corrected_N` after the correction learned from references (equal to
-    `rms_N` without references). `noise_floor_N` is what no model can explain, and `noise_source` says what showed
-    it, as in `8.1 N from repeated cycles`. `cost_J` is thesis eq. 3.5.
+    `rms_N` without references). `noise_floor_N` is the noise of the measured force as logged, of which
+    `noise_in_band_N` reaches the grid of the comparison and is subtracted; `noise_source` says what showed it, as in
+    `8.1 N from repeated cycles`. `cost_J` is thesis eq. 3.5.
     """
 
     rms_N: float
@@ -55,10 +57,17 @@ class Gap:
     corrected_ci95_N: Interval
     noise_source: str = NO_SOURCE
     noise_known: bool = True  # False if no source limits the noise of a recording
+    noise_in_band_N: float = math.nan
+
+    @property
+    def noise_in_band(self) -> str:
+        """What the gaps are without, in a few words."""
+        narrower = self.noise_in_band_N < SAME_BAND * self.noise_floor_N
+        return f"{self.noise_in_band_N:.1f} N of it in the band of the comparison" if narrower else "it"
 
     @property
     def own_error(self) -> str:
-        """The words that tell `corrected_N` from `rms_N` where they differ."""
+        """The words that tell `corrected_N` from `rms_N` where the correction takes a part of it."""
         return " beyond the simulation's own error" if self.corrected_N < MIN_CORRECTED * self.rms_N else ""
 
 
@@ -85,6 +94,8 @@ class HeldOutScores:
     series: tuple[HeldOutSeries, ...]
     nothing: Explanation
     timed_N: float
+    notes: tuple[str, ...] = ()  # on forces that the simulation refused
+    rare: RareDeviation | None = None  # of the measured force from the corrected simulation
 
 
 def score_held_out(
@@ -102,7 +113,11 @@ def score_held_out(
     reference_N = result.evidence.noise.rms_N if inputs.reference else np.inf
     limits = {"what the references leave": reference_N, "what a learner cannot explain": findings.rest_N}
     blocks = cut_into_blocks(inputs.held_out, seed, min(limits.values()))
-    scorer = build_scorer(blocks, baseline.plant, inputs.best)
+    scorer, is_corrected = (
+        build_scorer(blocks, baseline.plant, inputs.best),
+        bool(inputs.reference or inputs.probe.corrected),
+    )
+    scorer = scorer if is_corrected else replace(scorer, corrected=scorer.before)
     best, timing = result.best, [f for f in result.alone if f.effects[0].nuisance][:1]
     forces = tuple(scorer.alone if best is None else scorer.forces(best, True))
     nothing = scorer.explain()
@@ -112,15 +127,32 @@ def score_held_out(
         together = replace(together, without_N=gaps_without_each(scorer, result.evidence, best))
     timed = [scorer.explain(f, scorer.forces(f, True)).gap_after_N for f in timing]
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
+    known = {} if best is None else {best.composition: forces}
     return HeldOutScores(
-        gap=_gap(scorer, bool(inputs.reference or inputs.probe.corrected), _find_noise_source(blocks.traces, limits)),
+        gap=_gap(scorer, _find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
-        causes=_causes(scorer, result, findings, {} if best is None else {best.composition: forces}, progress),
+        causes=_causes(scorer, result, findings, known, progress),
         composition=together,
         series=tuple(HeldOutSeries(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
         nothing=nothing,
         timed_N=min([nothing.gap_after_N, *timed]),
+        notes=tuple(scorer.optional.notes),
+        rare=_find_rare(inputs, baseline, result, findings, scorer),
     )
+
+
+def _find_rare(
+    inputs: DiagnosisInput,
+    baseline: Baseline,
+    result: EffectSearchResult,
+    findings: SearchFindings,
+    scorer: HeldOutScorer,
+) -> RareDeviation | None:
+    """Return the largest local deviation on fitted and held-out recordings, if it is more than the references have."""
+    errors = [t.force - baseline.plant.alone(t) for t in inputs.reference]
+    known = [np.where(t.usable, error, np.nan) for t, error in zip(inputs.reference, errors, strict=True)]
+    traces, forces = (*result.evidence.traces, *scorer.blocks.traces), (*result.evidence.alone, *scorer.alone)
+    return find_rare_deviation(traces, forces, known, findings.tolerance_N)
 
 
 def gaps_without_each(scorer: HeldOutScorer, evidence: Evidence, fit: EffectFit) -> tuple[float, ...]:
@@ -169,16 +201,17 @@ def _add_gain(explanation: Explanation, result: EffectSearchResult, fit: EffectF
     return replace(explanation, gain=gain.energy / result.gap_energy, gain_error=gain.error / result.gap_energy)
 
 
-def _gap(scorer: HeldOutScorer, corrected: bool, noise_source: str) -> Gap:
+def _gap(scorer: HeldOutScorer, noise_source: str) -> Gap:
     blocks = scorer.blocks
     rms, ci95 = blocks.rms(scorer.before)
-    rest, rest_ci95 = blocks.rms(blocks.energy(scorer.alone)) if corrected else (rms, ci95)
-    noise = float(np.sqrt(blocks.noise.sum() / max(float(blocks.ticks.sum()), 1.0)))
+    rest, rest_ci95 = blocks.rms(scorer.corrected)
+    noise_N = float(np.sqrt(blocks.noise.sum() / max(float(blocks.ticks.sum()), 1.0)))
+    logged_N = noise_N * noise_floor_N(blocks.traces, as_logged=True) / max(noise_floor_N(blocks.traces), 1e-12)
     force = usable_values(blocks.traces, [t.force for t in blocks.traces])
     simulated = usable_values(blocks.traces, [t.simulated_as_logged for t in blocks.traces])
     cost_J = 100.0 * float(np.linalg.norm(force - simulated) / max(float(np.linalg.norm(force - force.mean())), 1e-9))
     known = all(t.measured_noise.known for t in blocks.traces)
-    return Gap(rms, ci95, noise, cost_J, rest, rest_ci95, noise_source, known)
+    return Gap(rms, ci95, logged_N, cost_J, rest, rest_ci95, noise_source, known, noise_N)
 
 
 def collect_evidence(search: SearchFindings, scores: HeldOutScores) -> VerdictEvidence:
@@ -194,19 +227,21 @@ def collect_evidence(search: SearchFindings, scores: HeldOutScores) -> VerdictEv
             own_error_N([s.trace for s in scores.series]),
         ),
         held_out_ci95_N=gap.corrected_ci95_N,
-        composition=tuple(e for e in composition.effects if e != TIMING),
+        composition=composition.effects,
         closed=closed_share(gap, composition),
         closed_alone={c.effects[0]: closed_share(gap, c) for c in scores.causes},
         learnt=closed_share(gap, replace(composition, gap_after_N=scores.ceiling_after_N)).value,
         is_undetermined=has_undetermined_effect(composition),
+        in_band_N=gap.noise_in_band_N,
+        is_rare=scores.rare is not None,
     )
 
 
 def closed_share(gap: Gap, explanation: Explanation) -> ClosedShare:
     """Return the share of the held-out gap's energy, after the correction, that an explanation closes."""
-    left_N = [explanation.gap_after_N, *(gap.rms_N * (1.0 - shrink) for shrink in explanation.shrink_ci95)]
     before_N = gap.corrected_N if gap.corrected_N > 0.0 else math.nan
-    return ClosedShare(*(1.0 - (after_N / before_N) ** 2 for after_N in left_N))
+    left = [explanation.gap_after_N / before_N, *(1.0 - shrink for shrink in explanation.shrink_ci95)]
+    return ClosedShare(*(1.0 - share**2 for share in left))
 
 
 def apply_judgement(scores: HeldOutScores, judgement: Judgement) -> HeldOutScores:
@@ -216,7 +251,9 @@ def apply_judgement(scores: HeldOutScores, judgement: Judgement) -> HeldOutScore
     """
     odds, together = judgement.probabilities.effects, scores.composition
     causes = [replace(c, probability=odds[c.effects[0]]) for c in scores.causes]
-    scores = replace(scores, causes=tuple(sorted(causes, key=lambda c: -c.probability)))
+    together = replace(together, probability=sum(odds.get(name, 0.0) for name in together.effects))
+    ranked = tuple(sorted(causes, key=lambda c: -c.probability))
+    scores = replace(scores, causes=ranked, composition=together)
     if judgement.verdict != NO_GAP and not together.gap_after_N >= scores.gap.corrected_N:
         return scores
     series = tuple(replace(s, augmented=s.corrected) for s in scores.series)
@@ -248,7 +285,7 @@ class Explanation:
     shrink_ci95: Interval
     gain: float = 0.0  # cross-fitted share of the gap's energy explained on the fitted recordings
     gain_error: float = 0.0
-    probability: float = 0.0
+    probability: float = 0.0  # of a composition: of its effects together
     without_N: tuple[float, ...] = ()  # the gap left without each of several effects, the others refitted
 
 
@@ -321,17 +358,23 @@ class HeldOutScorer:
     exact: tuple[Plant, ...]
     alone: tuple[F, ...]  # the plant's force on each held-out trace
     before: F  # energy in each block of the gap of the original simulation
+    corrected: F  # the same after the correction: what effects shrink
+    optional: OptionalSteps = field(default_factory=OptionalSteps)
 
     def forces(self, fit: EffectFit, exact: bool) -> tuple[F, ...]:
-        """Return the force [N] with the effects of a fit on each held-out trace."""
+        """Return the force [N] with the effects of a fit on each held-out trace; NaN if the simulation refuses it."""
         plants = self.exact if exact or not fit.composition.reruns else self.quick
-        rows = zip(plants, self.blocks.traces, self.alone, strict=True)
-        return tuple(plant.with_effects(fit.composition, trace, alone) for plant, trace, alone in rows)
+        rows = list(zip(plants, self.blocks.traces, self.alone, strict=True))
+        return self.optional.run(
+            f"the force with {' and '.join(fit.names)}",
+            lambda: tuple(plant.with_effects(fit.composition, trace, alone) for plant, trace, alone in rows),
+            tuple(np.full(len(trace), np.nan) for trace in self.blocks.traces),
+        )
 
     def explain(self, fit: EffectFit | None = None, forces: Sequence[F] | None = None) -> Explanation:
         """Return the explanation by a fit whose `forces` [N] are known; by no effect, after the correction, if None."""
         after = self.blocks.energy(self.alone if forces is None else forces)
-        score = self.blocks.rms(after)[0], *self.blocks.shrink(self.before, after)
+        score = self.blocks.rms(after)[0], *self.blocks.shrink(self.corrected, after)
         if fit is None:
             return Explanation((), (), Composition(), (), *score)
         forms = tuple(e.form for e in fit.effects)
@@ -343,4 +386,5 @@ def build_scorer(blocks: Blocks, plant: Plant, exact: TraceSimulator) -> HeldOut
     quick = tuple(plant.prepare_for(t) for t in blocks.traces)
     best = tuple(replace(plant, simulation=exact).prepare_for(t) for t in blocks.traces)
     alone = tuple(plant.alone(t) for t in blocks.traces)
-    return HeldOutScorer(blocks, quick, best, alone, blocks.energy([t.simulated_as_logged for t in blocks.traces]))
+    before = blocks.energy([t.simulated_as_logged for t in blocks.traces])
+    return HeldOutScorer(blocks, quick, best, alone, before, blocks.energy(alone))

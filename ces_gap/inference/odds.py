@@ -8,6 +8,7 @@ exactly true.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -16,6 +17,8 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_gap.inference.search import NEGLIGIBLE_SHARE
+
+MIN_PROBABILITY = 1e-12  # of a cause that was found, so that shares of it are defined
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,20 @@ class Probabilities:
     def known_given_gap(self) -> float:
         """The same if there is a gap."""
         return self.known / max(self.known + self.unknown, 1e-300)
+
+    def normalise(self, causes: Sequence[str]) -> Probabilities:
+        """Return them finite and with a sum of 1, each of the `causes` above 0; unknown ones count as 0."""
+
+        def known(probability: float) -> float:
+            return min(max(probability, 0.0), 1.0) if math.isfinite(probability) else 0.0
+
+        none, unknown = known(self.none), known(self.unknown)
+        effects = {name: known(self.effects.get(name, 0.0)) for name in dict.fromkeys((*self.effects, *causes))}
+        effects |= {name: max(effects[name], MIN_PROBABILITY) for name in causes}
+        total = none + unknown + sum(effects.values())
+        if total <= 0.0:
+            return Probabilities(0.0, 1.0, effects)
+        return Probabilities(none / total, unknown / total, {name: p / total for name, p in effects.items()})
 
     def with_none(self, none: float) -> Probabilities:
         """Return them with another probability of no gap; the others keep their proportions."""

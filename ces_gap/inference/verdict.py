@@ -1,164 +1,81 @@
-"""The verdict: one pure function of numbers, which also returns the probabilities that a report shows.
+"""All rules of the verdict on one page: numbers in; verdict, probabilities, doubts and ties out.
 
-`judge` weighs what the search on the fitted recordings (`findings.py`) and the held-out recordings found. Each finding
-changes the probabilities, and the verdict follows from them, so that the two cannot contradict each other.
+1. No gap: what is within the tolerance, the noise, the timing of a log or the simulation's own error, and not rare.
+2. Unknown: nothing was found, or what was found closes less than half of what anything closes on held-out recordings.
+3. Named: one explanation leads, and no doubt is left. 4. Ambiguous: each doubt makes something else possible.
 
-The probabilities of the search are those of `odds.py`.
+Each finding changes the probabilities, and the verdict follows from them, so that the two cannot contradict each other.
+The odds of the search are those of `odds.py`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
-from ces_gap.inference.odds import Calibration, Probabilities, VerdictFigures
-from ces_gap.inference.ties import ClosedShare, confirm_ties, probability_below
+from ces_gap.inference.judgement import (
+    ALTERNATIVES,
+    AMBIGUOUS,
+    CALIBRATION,
+    LEAVES_MORE,
+    NAMED,
+    NO_GAP,
+    NOT_CONFIRMED,
+    PARAMETERS,
+    REMAINS,
+    SIMULATION_ERROR,
+    TIMING,
+    UNCERTAIN,
+    UNDETERMINED,
+    UNKNOWN,
+    WITHIN_BASELINE,
+    WITHIN_NOISE,
+    WITHIN_TIMING,
+    WITHIN_TOLERANCE,
+    ClosedShare,
+    GapSize,
+    Judgement,
+    VerdictEvidence,
+    probability_below,
+)
+from ces_gap.inference.odds import Probabilities
+from ces_gap.inference.search import NEGLIGIBLE_SHARE
 
-NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
-CALIBRATION, TIMING = "calibration", "simulation_timing"
-WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE = "tolerance", "noise", "timing", "baseline_error"
-ALTERNATIVES, SIMULATION_ERROR = "alternatives", "simulation_error"
-NOT_CONFIRMED, UNDETERMINED, LEAVES_MORE, UNCERTAIN = "not_confirmed", "undetermined", "leaves_more", "uncertain"
-POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous
-MAX_NONE = 1.0 / 3.0  # probability of no gap where the gap is not within anything: it never leads
-MAX_UNKNOWN = 0.2  # probability of an unknown cause with which known ones are named: 0.16 at most in right blind cases
-CLEAR = 1.5  # times noise and tolerance: a smaller gap is not named without references
-MAX_MAP_REST = 0.2  # of the gap's energy: a smooth map absorbs a part of anything, so it must explain most to be named
-MIN_MATERIAL_SHARE = 0.5  # of the energy that anything explains: an explanation that closes less is none
-MIN_NAMED_SHARE = 0.5  # of the held-out gap's energy: what leaves more than it closes is not named
-CLEARLY_LESS = 0.95  # of the gap that the composition leaves: another effect that leaves less may be the cause
-MIN_PROBABILITY = 1e-12  # of a cause
-IMMATERIAL = 0.1  # of the held-out gap's energy: closing less is no cause, leaving less no unknown cause
-
-
-@dataclass(frozen=True)
-class GapSize:
-    """The gap on some recordings, RMS [N]: without noise, and after the simulation's timing was fitted as well.
-
-    `noise_N` was measured; where it is not `noise_known`, no source limits it and `noise_N` is a guess. `own_error_N`
-    is the error that the simulation may have here, as it says itself (0 if it does not).
-    """
-
-    gap_N: float
-    timed_N: float
-    noise_N: float
-    noise_known: bool = True
-    own_error_N: float = 0.0
-
-
-@dataclass(frozen=True)
-class SearchFindings:
-    """What the search found on the fitted recordings, as numbers.
-
-    `rest_N` is the RMS [N] that the best explanation and the generic learner leave; an effect below `visible_from_N`
-    would hide behind noise and the simulation's own error. `interchangeable` are groups, `absorbed` the effects that a
-    recalibration would imitate. The best explanation `is_map` if it holds errors of the simulation only. It may leave
-    the share `twin_error` of the gap's energy because of a twin that replaces the simulation.
-    """
-
-    figures: VerdictFigures
-    odds: Probabilities
-    weights: Calibration
-    size: GapSize
-    rest_N: float
-    visible_from_N: float
-    tolerance_N: float
-    has_references: bool
-    interchangeable: tuple[tuple[str, ...], ...]
-    absorbed: tuple[str, ...]
-    is_map: bool
-    twin_error: float = 0.0
-
-
-@dataclass(frozen=True)
-class VerdictEvidence:
-    """All that a verdict follows from, as plain numbers; any of them may be unknown (NaN).
-
-    On held-out recordings the gap has a size with an interval; the composition has `closed` a share of it, each effect
-    alone another, the generic learner the share `learnt`. The composition `is_undetermined` if one of its effects may
-    have no size.
-    """
-
-    search: SearchFindings
-    held_out: GapSize
-    held_out_ci95_N: tuple[float, float]
-    composition: tuple[str, ...]  # without the simulation's timing, which is never named
-    closed: ClosedShare
-    closed_alone: Mapping[str, ClosedShare]
-    learnt: float
-    is_undetermined: bool = False
-
-    @property
-    def sizes(self) -> tuple[GapSize, GapSize]:
-        """The gap on the fitted and on the held-out recordings."""
-        return self.search.size, self.held_out
-
-    @property
-    def may_be_own_error(self) -> bool:
-        """True if the gap is not above the error that the simulation says it may have."""
-        return not self.search.has_references and all(0.0 < s.own_error_N >= s.gap_N for s in self.sizes)
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """The verdict with its probabilities, the `reason` for "no_gap", and what keeps a cause from being named: `doubt`.
-
-    `alternatives` are the effects outside the composition that stay possible, for "ambiguous"; `ties` are groups of
-    effects that the recordings cannot distinguish.
-    """
-
-    verdict: str
-    probabilities: Probabilities
-    reason: str = ""
-    doubt: str = ""
-    alternatives: tuple[str, ...] = ()
-    ties: tuple[tuple[str, ...], ...] = ()
+# Energies are shares of the gap's on held-out recordings; where each number is from stands beside it.
+HALF = 0.5
+TENTH = 0.1
+MAX_UNKNOWN = 0.2
+MAX_MAP_REST = 0.2
+CLEARLY_MORE = 1.15
+CLEAR = 1.5
+MAX_NONE = 1.0 / 3.0  # of a gap that is not within anything: it never leads, by definition
 
 
 def judge(evidence: VerdictEvidence) -> Judgement:
     """Return the verdict: the largest of the probabilities of no gap, of an unknown cause and of the known effects.
 
-    No gap also requires that the gap lies within what cannot be told from none. Known effects are "named" only if
-    nothing speaks against them; whatever does becomes possible by it, and the verdict "ambiguous".
+    No gap also requires that the gap lies within what cannot be told from none, and that no rare deviation stands out.
+    Known effects are "named" only if nothing speaks against them; whatever does becomes possible by it.
     """
-    raw = _normalise(evidence.search.odds, evidence.composition)
-    odds = weighed = _weigh_held_out(evidence, raw)
-    if evidence.may_be_own_error:  # so may be what no effect explains
-        odds = Probabilities(min(odds.none + odds.unknown, 1.0), 0.0, odds.effects)
-    low, high = evidence.held_out_ci95_N
-    within = min(probability_below(size.gap_N, evidence.search.tolerance_N, high - low) for size in evidence.sizes)
-    odds = odds.with_none(max(odds.none, within))
-    reason = find_no_gap_reason(evidence, odds.none >= max(odds.unknown, odds.known))
-    if reason:
-        return Judgement(NO_GAP, odds, reason)
-    if not evidence.composition:
+    e, raw = evidence, evidence.search.odds.normalise(evidence.composition)
+    odds = weighed = _weigh_held_out(e, raw)
+    if not e.is_rare:
+        odds = _weigh_within(e, odds)
+        reason = _find_no_gap_reason(e, odds.none >= max(odds.unknown, odds.known))
+        if reason:
+            return Judgement(NO_GAP, odds, reason)
+    if not e.composition:
         odds = weighed
     odds = odds.with_none(min(odds.none, MAX_NONE))
-    if not evidence.composition or odds.unknown > odds.known:
+    if not e.composition or odds.unknown > odds.known:
         return Judgement(UNKNOWN, odds)
-    ties = _confirm(evidence, evidence.search.interchangeable)
-    alternatives = _find_alternatives(evidence, odds, ties)
-    odds = _reject(odds, evidence.composition, (*alternatives, CALIBRATION))
-    doubts = _find_doubts(evidence, odds, alternatives, min(raw.known_given_gap, odds.known_given_gap))
+    ties = confirm_ties(e, e.search.interchangeable)
+    alternatives = _find_alternatives(e, odds, ties)
+    odds = _reject(odds, e.composition, (*alternatives, CALIBRATION))
+    doubts = _find_doubts(e, odds, alternatives, min(raw.known_given_gap, odds.known_given_gap))
     for names in doubts.values():
-        odds = _make_possible(odds, names, evidence.composition)
+        odds = _make_possible(odds, names, e.composition)
     return Judgement(AMBIGUOUS if doubts else NAMED, odds, "", next(iter(doubts), ""), alternatives, ties)
-
-
-def _normalise(odds: Probabilities, composition: Sequence[str]) -> Probabilities:
-    """Return finite probabilities that sum to 1, each cause's above 0; unknown ones count as 0."""
-
-    def known(probability: float) -> float:
-        return min(max(probability, 0.0), 1.0) if math.isfinite(probability) else 0.0
-
-    none, unknown = known(odds.none), known(odds.unknown)
-    effects = {name: known(odds.effects.get(name, 0.0)) for name in dict.fromkeys((*odds.effects, *composition))}
-    effects |= {name: max(effects[name], MIN_PROBABILITY) for name in composition}
-    total = none + unknown + sum(effects.values())
-    if total <= 0.0:
-        return Probabilities(0.0, 1.0, effects)
-    return Probabilities(none / total, unknown / total, {name: p / total for name, p in effects.items()})
 
 
 def _weigh_held_out(e: VerdictEvidence, odds: Probabilities) -> Probabilities:
@@ -173,19 +90,39 @@ def _weigh_held_out(e: VerdictEvidence, odds: Probabilities) -> Probabilities:
     found = [c for c in (e.closed, *alone) if not (math.isnan(c.value) or (own and e.search.is_map))]
     best = max((c.value for c in found), default=-math.inf)
     if not e.composition:  # no effect gains more than its error: none is more probable than an unknown cause
-        return odds.with_unknown(odds.unknown + 0.5 * odds.known)
+        return odds.with_unknown(odds.unknown + HALF * odds.known)
     if e.search.is_map and found:
         share = min(e.closed.value, 1.0 - e.search.figures.unexplained)
-        support = replace(e.closed, value=share).probability_above(1.0 - MAX_MAP_REST)
+        support = ClosedShare(share, e.closed.low, e.closed.high).probability_above(1.0 - MAX_MAP_REST)
     else:
-        required = MIN_MATERIAL_SHARE * min(max(best, 0.0 if math.isnan(e.learnt) else e.learnt), 1.0)
-        required = 1.0 - IMMATERIAL if own else required
-        support = max((c.probability_above(max(required, IMMATERIAL)) for c in found), default=0.0)
-    rest = min(1.0, max(1.0 - best, 0.0) / IMMATERIAL)
+        required = HALF * min(max(best, 0.0 if math.isnan(e.learnt) else e.learnt), 1.0)
+        required = 1.0 - TENTH if own else required
+        support = max((c.probability_above(max(required, TENTH)) for c in found), default=0.0)
+    rest = min(1.0, max(1.0 - best, 0.0) / TENTH)
     return odds.with_unknown(rest * (odds.unknown + (1.0 - support) * odds.known))
 
 
-def find_no_gap_reason(e: VerdictEvidence, is_improbable: bool) -> str:
+def _weigh_within(e: VerdictEvidence, odds: Probabilities) -> Probabilities:
+    """Return the probabilities after what the gap may lie within: own error, tolerance, noise, the timing of a log."""
+    if e.may_be_own_error:  # so may be what no effect explains
+        odds = Probabilities(min(odds.none + odds.unknown, 1.0), 0.0, odds.effects)
+    low, high = e.held_out_ci95_N
+    within = min(probability_below(size.gap_N, e.search.tolerance_N, high - low) for size in e.sizes)
+    physics = [c.value for name, c in e.closed_alone.items() if name not in (CALIBRATION, TIMING)]
+    physics += [] if e.search.is_map or {*e.composition} <= {TIMING} else [e.closed.value]
+    if all(_is_within_noise(s, s.gap_N) for s in e.sizes) and not any(share >= HALF for share in physics):
+        within = max(within, HALF)  # nothing in it has a shape
+    log = e.search.is_recorded and {*e.composition} <= {TIMING}
+    if log and all(_is_within_noise(s, s.timed_N) for s in e.sizes):  # a sample of a log, not of the simulation
+        within = max(within, odds.none + odds.effects.get(TIMING, 0.0))
+    return odds.with_none(max(odds.none, min(within, 1.0)))
+
+
+def _is_within_noise(size: GapSize, gap_N: float) -> bool:
+    return size.noise_known and gap_N <= size.noise_N
+
+
+def _find_no_gap_reason(e: VerdictEvidence, is_improbable: bool) -> str:
     """Return within what the gap lies on fitted and held-out recordings, "" if there is one.
 
     Beyond the tolerance there is none only if a gap `is_improbable`, too, and noise that nothing measured is no reason.
@@ -196,35 +133,49 @@ def find_no_gap_reason(e: VerdictEvidence, is_improbable: bool) -> str:
         return ""
     if e.search.has_references:
         return WITHIN_BASELINE if all(s.gap_N <= e.search.visible_from_N for s in e.sizes) else ""
-    if all(s.noise_known and s.timed_N <= s.noise_N for s in e.sizes):
+    if all(_is_within_noise(s, s.timed_N) for s in e.sizes):
         return WITHIN_NOISE if all(s.gap_N <= s.noise_N for s in e.sizes) else WITHIN_TIMING
     return WITHIN_BASELINE if e.may_be_own_error else ""
 
 
-def _confirm(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
-    most = 1.0 - max(e.search.twin_error, 0.0)  # the twin's error hides what closes more
+def confirm_ties(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
+    """Return the `groups` (`search.interchangeable_effects`) that held-out recordings confirm.
+
+    Each begins with an effect of the composition. One that can replace it stays, unless it was scored in its place
+    and leaves clearly more. A twin's error hides what closes more than it allows.
+    """
+    most = 1.0 - max(e.search.twin_error, 0.0)
 
     def seen(closed: ClosedShare) -> ClosedShare:
         return ClosedShare(*(min(share, most) for share in (closed.value, closed.low, closed.high)))
 
-    others = {frozenset((name,)): seen(closed) for name, closed in e.closed_alone.items()}
-    return confirm_ties(groups, e.composition, seen(e.closed), others)
+    def is_rejected(member: str, name: str) -> bool:
+        is_scored = {*e.composition} == {member} and name in e.closed_alone
+        return is_scored and leaves_clearly_more(seen(e.closed_alone[name]), seen(e.closed))
+
+    close = [(member, *(n for n in names if not is_rejected(member, n))) for member, *names in groups]
+    return tuple(group for group in close if len(group) > 1)
+
+
+def leaves_clearly_more(other: ClosedShare, best: ClosedShare) -> bool:
+    """True if `other` leaves `CLEARLY_MORE` of the gap than `best`, or closes less by more than its interval."""
+    return 1.0 - other.value > CLEARLY_MORE**2 * (1.0 - best.value) or other.high < best.value
 
 
 def _find_alternatives(e: VerdictEvidence, odds: Probabilities, ties: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
-    """Return the effects that may be the cause instead: in `ties`, clearly better on held-out data, or probable.
+    """Return the effects that may be the cause instead: in `ties`, better on held-out data, probable, or imitated.
 
-    A recalibration can absorb a part of any effect; an effect that explains as much with less stands against it. What
-    may be the simulation's own error decides between no effects.
+    A map stands for each effect that it imitates and that closes half as much alone. What may be the simulation's own
+    error decides between no effects.
     """
     gap_N, own_N = e.held_out.gap_N, e.held_out.own_error_N
-    limit = CLEARLY_LESS**2 * (1.0 - e.closed.value) + (
-        IMMATERIAL * (own_N / gap_N) ** 2 if gap_N > own_N > 0.0 else 0.0
-    )
+    limit = 1.0 - e.closed.value + (TENTH * (own_N / gap_N) ** 2 if gap_N > own_N > 0.0 else 0.0)
     better = [name for name, closed in e.closed_alone.items() if 1.0 - closed.value < limit]
-    possible = [(e.composition[0], name) for name, p in odds.effects.items() if p >= POSSIBLE]
-    alike = [name for group in (*ties, *_confirm(e, possible)) for name in group]
-    found = dict.fromkeys((*alike, *better))
+    mapped = {name for name in e.search.absorbed if e.search.is_map and CALIBRATION in e.composition}
+    imitated = [name for name in mapped & {*e.closed_alone} if e.closed_alone[name].value >= HALF * e.closed.value]
+    possible = [(e.composition[0], name) for name, p in odds.effects.items() if p >= TENTH]
+    alike = [name for group in (*ties, *confirm_ties(e, possible)) for name in group]
+    found = dict.fromkeys((*alike, *better, *sorted(imitated)))
     return tuple(name for name in found if name not in (*e.composition, CALIBRATION))
 
 
@@ -233,35 +184,46 @@ def _find_doubts(
 ) -> dict[str, tuple[str, ...]]:
     """Return what speaks against the composition, with the effects that are possible by it (none: an unknown cause).
 
-    `known` is the probability of a known effect, given a gap. Without references a small gap, or an effect that a map
-    imitates, may be the simulation's own error.
+    `known` is the probability of a known effect, given a gap. Something remains where a learner without physics leaves
+    clearly less than the composition: a cause that is not in the library, or a second one.
     """
     others = {name: p for name, p in odds.effects.items() if name not in e.composition}
     cause, error = odds.known - sum(others.values()), others.get(CALIBRATION, 0.0)
-    is_absorbed = len(e.composition) > 1 and not set(e.composition).isdisjoint(e.search.absorbed)
-    is_small = any(not s.gap_N > max(CLEAR * max(s.noise_N, e.search.tolerance_N), s.own_error_N) for s in e.sizes)
-    may_be_error = (
-        (is_absorbed and CALIBRATION not in e.composition)
-        or (is_small and not e.search.has_references)
-        or error > cause
+    weights, missed = e.search.weights, e.learnt - e.closed.value
+    is_known = known >= weights.least_known and cause >= max(odds.none, odds.unknown) and odds.unknown <= MAX_UNKNOWN
+    remains = missed > max(NEGLIGIBLE_SHARE, e.search.twin_error) and (
+        math.sqrt(missed) * e.held_out.gap_N > e.in_band_N
     )
-    least_gap, least_known = e.search.weights.least_gap, e.search.weights.least_known
-    is_known = known >= least_known and cause >= max(odds.none, odds.unknown) and odds.unknown <= MAX_UNKNOWN
-    is_certain = is_known and 1.0 - odds.none >= least_gap
     doubts = {
         ALTERNATIVES: alternatives or None,
-        SIMULATION_ERROR: tuple({CALIBRATION} & {*others}) if may_be_error else None,
+        SIMULATION_ERROR: tuple({CALIBRATION} & {*others}) if error > cause or _may_be_error(e) else None,
         NOT_CONFIRMED: None if e.closed.low > 0.0 else (),
         UNDETERMINED: () if e.is_undetermined else None,
-        LEAVES_MORE: None if e.closed.value >= MIN_NAMED_SHARE else (),
-        UNCERTAIN: None if is_certain else (),
+        LEAVES_MORE: None if e.closed.value >= HALF else (),
+        REMAINS: () if remains else None,
+        UNCERTAIN: None if is_known and 1.0 - odds.none >= weights.least_gap else (),
     }
     return {doubt: names for doubt, names in doubts.items() if names is not None}
 
 
+def _may_be_error(e: VerdictEvidence) -> bool:
+    """True without references if a cause may be the simulation's own error: small, imitated, or a map leaves less."""
+    if e.search.has_references or {*e.composition} <= {TIMING, PARAMETERS}:
+        return False
+    least = [max(CLEAR * max(s.noise_N, e.search.tolerance_N), s.own_error_N) for s in e.sizes]
+    if any(not size.gap_N > least_N for size, least_N in zip(e.sizes, least, strict=True)):
+        return True
+    if CALIBRATION in e.composition:
+        return False
+    mapped = e.closed_alone.get(CALIBRATION)
+    return (mapped is not None and mapped.value > e.closed.value) or (
+        len(e.composition) > 1 and not {*e.composition}.isdisjoint(e.search.absorbed)
+    )
+
+
 def _reject(odds: Probabilities, causes: Sequence[str], possible: Sequence[str]) -> Probabilities:
     """Return the probabilities after effects that held-out recordings leave not `possible` gave way to the `causes`."""
-    kept = {n: p if n in (*causes, *possible) else min(p, POSSIBLE / 2.0) for n, p in odds.effects.items()}
+    kept = {n: p if n in (*causes, *possible) else min(p, TENTH / 2.0) for n, p in odds.effects.items()}
     total, rest = sum(kept[name] for name in causes), odds.known - sum(kept.values())
     if total <= 0.0:
         return odds
@@ -270,12 +232,12 @@ def _reject(odds: Probabilities, causes: Sequence[str], possible: Sequence[str])
 
 
 def _make_possible(odds: Probabilities, names: Sequence[str], causes: Sequence[str]) -> Probabilities:
-    """Return the probabilities after those of the `causes` gave way: each name, or an unknown cause, gets `POSSIBLE`.
+    """Return the probabilities after those of the `causes` gave way: each name, or an unknown cause, gets `TENTH`.
 
     Together the known effects stay as probable as an unknown cause and no gap.
     """
     total, known = sum(odds.effects[name] for name in causes), odds.known
-    level = min(POSSIBLE, total / (len(names) + 1))
+    level = min(TENTH, total / (len(names) + 1))
     added = {name: max(level - odds.effects.get(name, 0.0), 0.0) for name in names}
     unknown = 0.0 if names else max(min(level - odds.unknown, (known - odds.unknown) / 2.0, known - odds.none), 0.0)
     kept = 1.0 - (sum(added.values()) + unknown) / total if total > 0.0 else 1.0

@@ -20,8 +20,8 @@ from ces_data.recording import Channel, Recording
 from ces_gap.baseline.input_timing import MAX_DELAY_S, ON_TIME, InputTiming, RetimedSimulation
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.grid import derivative, is_constant, rms
-from ces_gap.inputs.probe_result import EARLY, HELD, INTERPOLATED, LATE, MIN_LEAD, STATIC, SimulationProbe
-from ces_gap.progress import FAILURES
+from ces_gap.inputs.probe_result import EARLY, HELD, INTERPOLATED, LATE, MIN_LEAD, NOT_PROBED, STATIC, SimulationProbe
+from ces_gap.progress import OptionalSteps
 from ces_gap.trace import Trace, usable_values
 from ces_identify.simulations.simulation import ModelSimulation, Simulation, find_predictions
 
@@ -92,10 +92,9 @@ def probe(simulation: Simulation, trace: Trace) -> SimulationProbe:
         runs.append(run)
         return _run(simulation, trace.recording, run)
 
-    try:
-        found = _ask(force, _find_range(trace))
-    except FAILURES as error:
-        found = SimulationProbe(note=f"the simulation could not be probed: {error}")
+    steps = OptionalSteps()
+    found = steps.run("probe of the simulation", lambda: _ask(force, _find_range(trace)), NOT_PROBED)
+    found = replace(found, note="; ".join(steps.notes)) if steps.notes else found
     return replace(found, calls=len(runs), seconds=time.monotonic() - start)
 
 

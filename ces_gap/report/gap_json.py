@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, calibration_cells
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, calibration_cells, find_best_other
 from ces_gap.errors import GapError
-from ces_gap.inference.verdict import WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_TOLERANCE
+from ces_gap.inference.judgement import WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_TOLERANCE
 from ces_gap.inputs.probe_result import CURRENT_MEANINGS
 from ces_gap.report.formatting import AXES
 from ces_observer.fields import Schema
@@ -140,8 +140,8 @@ def estimates(explanation: Any) -> list[tuple[str, list[tuple[str, Any]]]]:
 
 
 def shrink_of_ceiling(d: Diagnosis) -> float:
-    """Return the share of the gap that a learner without physics closes."""
-    return 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
+    """Return the share of the gap that a learner without physics closes, of what the correction leaves."""
+    return 1.0 - d.ceiling_after_N / d.gap.corrected_N if d.gap.corrected_N > 0.0 else math.nan
 
 
 TEXT, WORD, FLAG = Kind({"type": "string"}), Kind({"type": "string", "minLength": 1}), Kind({"type": "boolean"})
@@ -163,10 +163,17 @@ REGION = record(
 )
 STRONGEST = record(region=(REGION, "strongest"), p_value=(MAYBE("of the test over all regions"), "max_p_value"))
 REGION_AFTER = record(region=(REGION, itemgetter(0)), gap_after_N=(POSITIVE, itemgetter(1)))
+RARE = record(
+    mean_N=NUMBER("mean deviation of the measured force over the window"),
+    limit_N=POSITIVE("which the largest of all such windows exceeds in 1 of 200 clean diagnoses"),
+    **{"recording": TEXT, "time_s": NUMBER, "window_s": POSITIVE},
+    **{"stroke_m": NUMBER, "speed_m_s": NUMBER, "current_A": NUMBER},
+)
 GAP_SIZE = record(
     rms_N=POSITIVE,
     ci95_N=INTERVAL,
-    noise_floor_N=POSITIVE,
+    noise_floor_N=POSITIVE("of the measured force as logged"),
+    noise_in_band_N=POSITIVE("the part of it on the grid of the comparison, which is subtracted"),
     cost_J=POSITIVE,
     corrected_N=POSITIVE("once the simulation's own error, learnt from references, is added"),
     corrected_ci95_N=INTERVAL,
@@ -185,6 +192,7 @@ COMPOSITION = record(
     effects=(many(WORD), "composition.effects"),
     forms=(many(TEXT), "composition.forms"),
     **LEFT_TOGETHER,
+    probability=(PROBABILITY("of its effects together"), "composition.probability"),
     parameters=(by_name(PARAMETERS)("by effect"), lambda d: estimates(d.composition)),
     without_N=(
         many(POSITIVE)("the gap left without each of several effects, the others refitted"),
@@ -196,7 +204,11 @@ CELL = record(speed_m_s=INTERVAL, current_A=INTERVAL, force_N=NUMBER)
 INVISIBLE = record(effect=(WORD, itemgetter(0)), reason=(TEXT, itemgetter(1)))
 CEILING = record(gap_after_N=(POSITIVE, "ceiling_after_N"), shrink=(SHRINK, shrink_of_ceiling))
 CONTROLS = record(
-    best_wrong_effect=(or_null(record(effect=(WORD, first("effects")), **LEFT)), "wrong"), ceiling=(CEILING, itself)
+    best_wrong_effect=(
+        or_null(record(effect=(WORD, first("effects")), **LEFT)),
+        lambda d: find_best_other(d, d.composition),
+    ),
+    ceiling=(CEILING, itself),
 )
 RECIPE = Kind({"type": "object"})
 EXPERIMENT = record(name=TEXT, purpose=TEXT, recipe=RECIPE, separates=many(WORD), distance_N=POSITIVE)
@@ -233,6 +245,7 @@ GAP = record(
     simulation=TEXT,
     no_gap_reason=REASONS("what a gap that is none lies within"),
     gap=GAP_SIZE,
+    rare=or_null(RARE)("the largest local deviation, if it stands out; null otherwise"),
     tolerance_N=POSITIVE("a gap up to this counts as none"),
     visible_from_N=POSITIVE("effects below hide behind the noise and the simulation's own error"),
     where=(many(REGION)("regions of one axis each, most energy first"), "where.regions"),

@@ -17,6 +17,7 @@ from ces_gap.diagnosis import (
     Interval,
     NextExperiment,
     Where,
+    find_best_other,
     find_closest,
 )
 from ces_gap.report.charts import (
@@ -116,37 +117,37 @@ def report_page(
 def build_gap_steps(d: Diagnosis) -> GapSteps:
     """Return the bars of a diagnosis: RMS [N] on held-out recordings, without noise except in the noise's own bar."""
     gap, c, ceiling = d.gap, d.composition, d.ceiling_after_N
+    if d.verdict == UNKNOWN:  # one explanation is the closest, in the sentence and in every bar
+        c = find_closest(d) or c
     ends = [gap.rms_N, gap.ci95_N[1], gap.corrected_N, gap.corrected_ci95_N[1], gap.noise_floor_N]
     longest = max([v for v in ends if math.isfinite(v)] + [1e-9])
-    others = [c.gap_after_N, ceiling] + ([] if d.wrong is None else [d.wrong.gap_after_N])
+    wrong = find_best_other(d, c)
+    others = [c.gap_after_N, ceiling] + ([] if wrong is None else [wrong.gap_after_N])
     scale = STEP_ROOM * min(max([longest, *filter(math.isfinite, others)]), MAX_CONTROL * longest)
     steps = [_bar(scale, "before", "Original simulation", "", gap.rms_N, gap.ci95_N)]
     if has_correction(d):
-        remark = "learned from the reference recordings" if d.correction is not None else ""
-        if d.probe.corrected:
-            remark = " and ".join(filter(None, ("timing of the inputs corrected", remark)))
+        done = ["timing of the inputs corrected"] * bool(d.probe.corrected)
+        done += ["learned from the reference recordings"] * (d.correction is not None)
+        taken = 1.0 - gap.corrected_N / gap.rms_N if gap.rms_N > 0.0 else math.nan
+        remark = f"{' and '.join(done)}: closes {percent(taken)} %" if taken > 0.0 else " and ".join(done)
         steps.append(_bar(scale, "corrected", "Baseline error removed", remark, gap.corrected_N, gap.corrected_ci95_N))
     if c.effects:
-        remark = _remark(d, c, "fits the other recordings best" if d.verdict == UNKNOWN else "")
+        closes = f"closes {percent(c.shrink)} % of the bar above" if c.shrink > 0.0 else ""
+        remark = "the closest of the known effects" if d.verdict == UNKNOWN else closes
         text = f"With {join_effect_names(c.effects)}"
         steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(c)))
-    remark = f"from {gap.noise_source}; subtracted from all other bars"
+    remark = f"as logged, from {gap.noise_source}; {gap.noise_in_band} is subtracted from all other bars"
     steps.append(_bar(scale, "noise", "Measurement noise", remark, gap.noise_floor_N, None))
     controls = []
-    if d.wrong is not None:
-        remark = _remark(d, d.wrong, "any flexible effect reduces any gap a little")
-        text = f"Best {'other ' if c.effects else ''}effect: {effect_name(d.wrong.effects[0])}"
-        controls.append(_bar(scale, "wrong", text, remark, d.wrong.gap_after_N, after_ci95_N(d.wrong)))
+    if wrong is not None:
+        text = f"Best {'other ' if c.effects else ''}effect: {effect_name(wrong.effects[0])}"
+        remark = "any flexible effect reduces any gap a little"
+        controls.append(_bar(scale, "wrong", text, remark, wrong.gap_after_N, after_ci95_N(wrong)))
     if math.isfinite(ceiling):
         remark = "without physics: any smooth function with a memory"
         controls.append(_bar(scale, "ceiling", "Generic learner", remark, ceiling, None))
     is_cut = any(bar.css.endswith(" cut") for bar in (*steps, *controls))
     return GapSteps(tuple(steps), tuple(controls), steps[-1].length, is_cut)
-
-
-def _remark(d: Diagnosis, shown: Explanation, otherwise: str) -> str:
-    closest = find_closest(d) if d.verdict == UNKNOWN else None
-    return "the closest of the known effects" if closest and closest.effects == shown.effects else otherwise
 
 
 def has_correction(d: Diagnosis) -> bool:
@@ -169,13 +170,17 @@ def _next_step(d: Diagnosis) -> str:
     if d.next_experiment is not None:
         purpose = d.next_experiment.purpose
         return f"Record the experiment {effect_name(d.next_experiment.name)} (below): {purpose.rstrip('.')}."
-    if d.verdict == NO_GAP and d.gap.rms_N > 2.0 * d.gap.noise_floor_N:
+    hidden = d.verdict == NO_GAP and d.gap.rms_N > 2.0 * d.gap.noise_floor_N
+    if hidden and d.correction is not None:
+        return "Take a better simulation: its own error hides smaller effects."
+    if hidden:
         return "Record references (--reference), or take a better simulation: its own error hides smaller effects."
     if d.verdict == NO_GAP:
         return "Nothing: simulation and measurement agree within what can be seen."
     if d.verdict == NAMED:
         return f"Use augmented.json, the simulation with {join_effect_names(d.composition.effects)}."
-    return "Record other strokes and currents, and references that are free of the effect."
+    references = "" if d.correction is not None else ", and references that are free of the effect"
+    return f"Record other strokes and currents{references}."
 
 
 def _key_figure(d: Diagnosis) -> dict[str, str]:
@@ -196,7 +201,7 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
         figure, unit = percent(c.shrink), "%"
         names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
         interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
-        text = f"of the gap on held-out recordings closed by {names}; {interval}."
+        text = f"of the gap{d.gap.own_error} on held-out recordings closed by {names}; {interval}."
     return {"figure": figure, "unit": unit, "text": text}
 
 

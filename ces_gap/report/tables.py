@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from markupsafe import Markup
 
@@ -21,13 +21,22 @@ from ces_gap.diagnosis import (
 )
 from ces_gap.effects.effect import Setting
 from ces_gap.effects.refitted import NetworkPart
-from ces_gap.inference.verdict import CALIBRATION
+from ces_gap.inference.judgement import CALIBRATION
 from ces_gap.inputs.probe_result import ProbeFinding
-from ces_gap.report.formatting import effect_name, parameter_text, percent, percents, region_name, sentence_case
+from ces_gap.report.formatting import (
+    effect_name,
+    join_effect_names,
+    parameter_text,
+    percent,
+    percents,
+    region_name,
+    sentence_case,
+)
 from ces_report.table import Column, Table
 from ces_report.typesetting import format_number, format_range, minus, three_figures
 
 MAX_ROWS = 6  # effects with a row of their own
+TOGETHER = "together"
 ALWAYS = 3  # as many effects always have a row
 MIN_PROBABILITY = 0.005  # of a further effect with a row
 CLEAR_Q, MAX_REGIONS = 0.05, 10  # false-discovery rate and number of the regions in the before-after table
@@ -68,16 +77,24 @@ class CauseRow:
     what: str
     form: str
     css: str
-    probability: float
+    probability: float | None  # None: in the row of the composition
     parameters: tuple[ParameterText, ...] = ()
     cause: Explanation | None = None
+    percentage: int = 0
 
     @property
     def unknown(self) -> bool:
         """Whether a number of the effect is not known from these recordings."""
         c = self.cause
-        numbers = () if c is None else (self.probability, c.gap_after_N, c.shrink, *c.shrink_ci95)
+        numbers = () if c is None else (self.probability or 0.0, c.gap_after_N, c.shrink, *c.shrink_ci95)
         return not all(map(math.isfinite, numbers))
+
+    @property
+    def percent(self) -> str:
+        """The probability in percent, rounded with those of the other rows."""
+        if self.probability is None:
+            return ""
+        return "<1" if self.percentage == 0 and self.probability > 0.0 else f"{self.percentage}"
 
 
 def parameter_list(parameters: Sequence[ParameterText]) -> Markup:
@@ -92,15 +109,15 @@ def _with_small(text: str, small: str) -> Markup:
 BAR = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
 CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     Column(
-        "Single effect",
+        "Cause",
         lambda r: f"{r.effect} ({r.form})" if r.form else r.effect,
         html=lambda r: _with_small(r.effect, " · ".join(filter(None, (r.what, r.form)))),
         css="cause",
     ),
     Column(
         "Probability [%]",
-        lambda r: percent(r.probability),
-        html=lambda r: BAR.format(percent(r.probability), 100.0 * r.probability),
+        lambda r: r.percent,
+        html=lambda r: BAR.format(r.percent, 100.0 * r.probability) if r.probability is not None else Markup(""),
         css="chance-of",
     ),
     Column(
@@ -121,35 +138,57 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
 
 
 def cause_table(d: Diagnosis) -> Table[CauseRow]:
-    """Return the probable causes, most probable first, and below them what is no effect of the library."""
-    rest = (
+    """Return the probable causes, most probable first, and below them what is no effect of the library.
+
+    The probability is that of the composition, in the first row if it has several effects. Percentages sum to 100.
+    """
+    rest = [
         CauseRow("none of these", "an effect outside the library", "", "left outside", d.probability_unknown),
         CauseRow("no effect", "only noise and baseline error", "", "left nothing", d.probability_none),
-    )
-    return Table(CAUSE_COLUMNS, (*cause_rows(d), *rest), "each effect alone")
+    ]
+    rows = [*cause_rows(d), *rest]
+    hidden = [c.probability for c in d.causes if effect_name(c.effects[0]) in effects_without_row(d)]
+    shares = round_percentages([*(row.probability or 0.0 for row in rows), *hidden])
+    rounded = [replace(row, percentage=share) for row, share in zip(rows, shares, strict=False)]
+    return Table(CAUSE_COLUMNS, rounded, "each effect alone")
+
+
+def round_percentages(shares: Sequence[float]) -> list[int]:
+    """Return whole percentages that sum to the rounded sum of the shares (method of the largest remainder)."""
+    exact = [100.0 * share if math.isfinite(share) else 0.0 for share in shares]
+    whole = [math.floor(value) for value in exact]
+    missing = round(sum(exact)) - sum(whole)
+    for k in sorted(range(len(exact)), key=lambda k: whole[k] - exact[k])[:missing]:
+        whole[k] += 1
+    return whole
 
 
 def cause_rows(d: Diagnosis) -> list[CauseRow]:
-    """Return the rows of the probable causes, most probable first."""
+    """Return the rows of the probable causes, most probable first; several that act together come before all."""
     causes = [c for i, c in enumerate(d.causes[:MAX_ROWS]) if i < ALWAYS or c.probability >= MIN_PROBABILITY]
     named = {*d.composition.effects, *d.alternatives} if d.verdict in (NAMED, AMBIGUOUS) else set()
-    return [
+    several = d.composition if len(d.composition.effects) > 1 else None
+    rows = [
         CauseRow(
             effect=effect_name(cause.effects[0]),
             what=cause.composition.settings[0].effect.summary,
             form=effect_name(cause.forms[0]),
             css="named" if cause.effects[0] in named else "",
-            probability=cause.probability,
+            probability=None if several and cause.effects[0] in several.effects else cause.probability,
             parameters=describe_parameters(cause.estimates[0], cause.composition.settings[0]),
             cause=cause,
         )
         for cause in causes
     ]
+    if several is None:
+        return rows
+    css, total = "named" if named else "", sum(c.probability for c in d.causes if c.effects[0] in several.effects)
+    return [CauseRow(join_effect_names(several.effects), TOGETHER, "", css, total, (), several), *rows]
 
 
 def effects_without_row(d: Diagnosis) -> list[str]:
     """Return the names of the effects that have no row."""
-    shown = {row.effect for row in cause_rows(d)}
+    shown = {row.effect for row in cause_rows(d) if row.what != TOGETHER}
     return [n for n in (effect_name(c.effects[0]) for c in d.causes) if n not in shown]
 
 

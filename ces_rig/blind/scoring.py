@@ -89,11 +89,17 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def closure(truth: Arrays, replay: Arrays, name: str) -> dict[str, float]:
-    """Return the true figures of the recording `name`; empty if the replay has another number of samples."""
-    force, simulated, augmented = truth[f"{name}_force_N"], replay[f"{name}_simulated_N"], replay[f"{name}_augmented_N"]
-    if not len(simulated) == len(augmented) == len(force):
+    """Return the true figures of the recording `name`; empty if the replay has another number of samples.
+
+    Effects shrink what the correction from references leaves.
+    """
+    force, (corrected, augmented) = (
+        truth[f"{name}_force_N"],
+        (replay[f"{name}_{k}_N"] for k in ("corrected", "augmented")),
+    )
+    if not len(corrected) == len(augmented) == len(force):
         return {}
     edge, index = round(EDGE * len(force)), np.arange(len(force))
-    mask = np.isfinite(simulated + augmented) & (index >= edge) & (index < len(force) - edge)
-    gap, left = (float(np.sqrt(np.mean((force - estimate)[mask] ** 2))) for estimate in (simulated, augmented))
+    mask = np.isfinite(corrected + augmented) & (index >= edge) & (index < len(force) - edge)
+    gap, left = (float(np.sqrt(np.mean((force - estimate)[mask] ** 2))) for estimate in (corrected, augmented))
     return {"closure": 1.0 - left / gap}

@@ -13,7 +13,7 @@ from bench.gaps.real_cases import Data
 from bench.gaps.real_gaps import DOUBT, NOTHING, PARTLY, RIGHT, WRONG, all_cases, diagnose_case, judge
 from bench.gaps.simulations import BandBrake, SpeedPolynomial
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
-from ces_gap.inference.verdict import CALIBRATION, TIMING
+from ces_gap.inference.judgement import CALIBRATION, TIMING
 
 DATA = Path(os.environ.get("CES_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 measured = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")

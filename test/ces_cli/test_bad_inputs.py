@@ -138,6 +138,7 @@ diagnose --sim law:force --real nowhere --out o | nowhere: no such file
 diagnose --sim law:force --real x* --out o | x*: no bag matches
 diagnose --sim nowhere.json --real one --out o | nowhere.json: no such model file
 diagnose --sim what --real one --out o | 'what' is no simulation; expected MODEL.json, AUGMENTED.json
+diagnose --sim law:force --real one one --out o | one: the same recording, twice under --real
 diagnose --sim law:force --real one two --held-out two --out o | recordings must not be fitted
 diagnose --sim law:force --real one two --reference two --out o | references must be free of
 diagnose --sim law:force --real one --effects law:force --out o | not an effect

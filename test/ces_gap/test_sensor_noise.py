@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from engine_plant import F, damper
 from made_recordings import recording_of
-from scipy.signal import butter, lfilter, sosfilt
+from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from ces_gap.sensor_noise import (
     CYCLES,
@@ -20,7 +20,7 @@ from ces_gap.sensor_noise import (
     NoiseEstimate,
     find_quantum_N,
 )
-from ces_gap.trace import Trace, make_trace
+from ces_gap.trace import Trace, make_trace, noise_floor_N
 
 SECONDS, NOISE_N = 20.0, 8.0
 Filter = Callable[[F, float], F]
@@ -114,6 +114,27 @@ def test_high_frequencies_show_white_noise_of_any_motion() -> None:
     noise, true = measure(random, 1000.0, noise_N=2.0)
     assert noise.known and noise.describe_source() == HIGH_FREQUENCIES
     assert noise.rms_N == pytest.approx(true, rel=0.1)
+
+
+@pytest.mark.parametrize("quantum_N", [0.0, 5.0])
+@pytest.mark.parametrize("rate_Hz", [200.0, 500.0, 1000.0, 2000.0])
+@pytest.mark.parametrize("own_error", [0.0, 0.05])
+def test_white_noise_beside_a_simulation_is_right_to_ten_percent(
+    rate_Hz: float, quantum_N: float, own_error: float
+) -> None:
+    """Both as logged and in the narrower band of the grid, also where a rough road reaches the highest frequencies."""
+    rng, time = np.random.default_rng(5), np.arange(round(SECONDS * rate_Hz)) / rate_Hz
+    position = sosfiltfilt(butter(4, 6.0, fs=rate_Hz, output="sos"), rng.standard_normal(len(time)))
+    position *= 0.02 / position.std()
+    clean = damper(time, position, np.full_like(time, 0.6))
+    force = clean + 6.0 * rng.standard_normal(len(time))
+    force = quantum_N * np.round(force / quantum_N) if quantum_N else force
+    recording = recording_of(time, position=position, current=np.full_like(time, 0.6), force=force)
+    trace = make_trace(recording, (1.0 - own_error) * clean)
+    exact = make_trace(recording, clean)
+    true = float((exact.force - exact.simulated)[exact.usable].std())
+    assert trace.noise_N == pytest.approx(true, rel=0.1)
+    assert noise_floor_N([trace], as_logged=True) == pytest.approx(float((force - clean).std()), rel=0.1)
 
 
 def test_the_colour_of_the_noise_is_stated() -> None:

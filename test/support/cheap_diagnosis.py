@@ -88,7 +88,6 @@ def diagnose(simulation, spec, real, held_out, reference, options, progress=lamb
         not_separable=(),
         invisible=(),
         ceiling_after_N=after,
-        wrong=None,
         no_gap_reason="",
         tolerance_N=5.0,
         visible_from_N=8.0,

@@ -29,7 +29,7 @@ from ces_gap.diagnosis import (
     Where,
 )
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
-from ces_gap.inference.verdict import ALTERNATIVES
+from ces_gap.inference.judgement import ALTERNATIVES
 from ces_gap.regions.locate import locate
 from ces_gap.trace import make_trace
 
@@ -95,9 +95,9 @@ def named() -> Diagnosis:
     where = located(held_out)
     friction = explained(Setting(Friction(), (36.86, 0.013)), FRICTION, held_out, 0.94)
     after = tuple((r, 0.14 * r.rms_N + 0.4) for r in where.regions[:8])
-    lag = replace(explained(Setting(ValveLag(), (0.0213,)), LAG, held_out, 0.02), gap_after_N=28.4, shrink=0.29)
-    width = replace(explained(Setting(Hysteresis(), (0.112,)), WIDTH, held_out, 0.01), gap_after_N=33.0, shrink=0.175)
-    lag, width = replace(lag, shrink_ci95=(0.22, 0.36)), replace(width, shrink_ci95=(0.08, 0.26))
+    lag = replace(explained(Setting(ValveLag(), (0.0213,)), LAG, held_out, 0.02), gap_after_N=28.4, shrink=0.213)
+    width = replace(explained(Setting(Hysteresis(), (0.112,)), WIDTH, held_out, 0.01), gap_after_N=33.0, shrink=0.086)
+    lag, width = replace(lag, shrink_ci95=(0.13, 0.29)), replace(width, shrink_ci95=(0.0, 0.17))
     return Diagnosis(
         verdict=NAMED,
         sentence="The simulation lacks seal friction: adding it closes 89 % of the gap on recordings it never saw.",
@@ -114,7 +114,6 @@ def named() -> Diagnosis:
             ("temperature_fade", "the oil warms by less than 2 K"),
         ),
         ceiling_after_N=4.0,
-        wrong=lag,
         no_gap_reason="",
         tolerance_N=5.0,
         visible_from_N=8.0,
@@ -147,7 +146,7 @@ def pair() -> Diagnosis:
         shrink_ci95=(0.94, 0.99),
     )
     sentence = "The simulation lacks seal friction and a valve lag: together they close 97 % of the gap."
-    return replace(first, sentence=sentence, composition=composition, wrong=first.causes[2])
+    return replace(first, sentence=sentence, composition=composition)
 
 
 @cache
@@ -157,7 +156,7 @@ def ambiguous() -> Diagnosis:
     causes = (
         replace(lag, probability=0.46),
         replace(width, probability=0.41),
-        replace(first.causes[0], probability=0.03),
+        replace(first.causes[0], probability=0.03, gap_after_N=24.8, shrink=0.38, shrink_ci95=(0.31, 0.45)),
     )
     return replace(
         first,
@@ -171,7 +170,6 @@ def ambiguous() -> Diagnosis:
         doubt=ALTERNATIVES,
         alternatives=("current_hysteresis",),
         not_separable=("force_scale", "gas_spring", "leakage"),
-        wrong=replace(causes[2], gap_after_N=24.8, shrink=0.38, shrink_ci95=(0.31, 0.45)),
         probability_none=0.04,
         probability_unknown=0.06,
         next_experiment=replace(experiment(), separates=("valve_lag", "current_hysteresis"), distance_N=31.0),
@@ -183,14 +181,13 @@ def ambiguous() -> Diagnosis:
 @cache
 def unknown() -> Diagnosis:
     first = named()
-    lag = replace(first.causes[1], estimates=(BOUND,), gap_after_N=29.0, shrink=0.275, probability=0.06)
+    lag = replace(first.causes[1], estimates=(BOUND,), gap_after_N=29.0, shrink=0.197, probability=0.06)
     return replace(
         first,
         verdict=UNKNOWN,
         sentence="None of the known effects: together they close 28 % of the gap, a learner without physics 81 %.",
         causes=(lag, *first.causes[2:]),
         composition=lag,
-        wrong=first.causes[2],
         ceiling_after_N=7.6,
         probability_none=0.01,
         probability_unknown=0.92,
@@ -212,7 +209,6 @@ def no_gap() -> Diagnosis:
         causes=(),
         composition=nothing,
         ceiling_after_N=0.5,
-        wrong=None,
         probability_none=0.97,
         probability_unknown=0.03,
         next_experiment=None,
@@ -231,7 +227,7 @@ def explained(
         composition=Composition((one,)),
         estimates=(estimates,),
         gap_after_N=4.5,
-        shrink=0.8875,
+        shrink=0.875,
         shrink_ci95=(0.85, 0.92),
         gain=0.87,
         gain_error=0.02,

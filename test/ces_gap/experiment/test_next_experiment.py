@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from example_effects import PLANT, SIMULATION, CurrentOffset, Friction, Rubbing, Scale, Spring, damper, drive
+from search_examples import FRICTION, SPRING, planted, run_search
 
 from ces_data.arrays import F
 from ces_gap.baseline.plant import DirectSimulator, Plant
@@ -18,7 +19,9 @@ from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.errors import GapError
 from ces_gap.experiment.candidates import list_candidate_experiments, reach_of
-from ces_gap.experiment.next_experiment import experiment_files, propose_experiment, simulate_experiment
+from ces_gap.experiment.next_experiment import experiment_files, find_pairs, propose_experiment, simulate_experiment
+from ces_gap.inference.judgement import AMBIGUOUS, Judgement
+from ces_gap.inference.odds import Probabilities
 from ces_gap.trace import Trace, TraceInputs
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
@@ -74,6 +77,29 @@ def test_no_experiment_is_proposed_whose_difference_is_below_the_noise() -> None
     assert clear is not None and clear.distance_N > NOISE_N
     with pytest.raises(GapError, match="largest expected difference"):
         propose_experiment(PLANT, [STEPS], [PAIR], 1.1 * clear.distance_N, recipes=RECIPES)
+
+
+@pytest.mark.parametrize(
+    ("composition", "alternatives", "ties", "pairs"),
+    [
+        (("friction",), ("spring",), (), [("friction", "spring")]),
+        ((), ("spring",), (), [("spring", "friction")]),  # what was fitted enlarged the held-out gap
+        ((), ("spring", "offset"), (), [("spring", "offset")]),
+        (("simulation_timing", "friction"), ("spring",), (), [("friction", "spring")]),
+        (("friction",), (), (("friction",),), [("spring", "friction")]),  # a tie of one
+        (("parameters",), ("parameters",), (("parameters", "friction"),), [("spring", "friction")]),
+    ],
+)
+def test_every_verdict_has_pairs_of_two_effects_that_can_be_simulated(
+    composition: tuple[str, ...],
+    alternatives: tuple[str, ...],
+    ties: tuple[tuple[str, ...], ...],
+    pairs: list[tuple[str, str]],
+) -> None:
+    result = run_search(planted(SPRING, FRICTION))
+    judgement = Judgement(AMBIGUOUS, Probabilities(0.0, 0.0, {}), "", "", alternatives, ties)
+    names = [(a.name, b.name) for a, b in find_pairs(result, composition, judgement)]
+    assert names == pairs and [f.names[0] for f in result.alone][:2] == ["spring", "friction"]
 
 
 def test_without_pairs_there_is_no_experiment() -> None:

@@ -35,8 +35,8 @@ from ces_gap.inference.held_out import (
     gaps_without_each,
     has_undetermined_effect,
 )
+from ces_gap.inference.judgement import Judgement
 from ces_gap.inference.odds import Probabilities
-from ces_gap.inference.verdict import Judgement
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -256,7 +256,9 @@ def scores_of_named() -> HeldOutScores:
 
 
 def test_the_closed_share_is_that_of_the_energy_beyond_the_correction() -> None:
-    share = closed_share(named().gap, replace(named().composition, gap_after_N=18.05, shrink_ci95=(0.0975, 0.7)))
+    share = closed_share(
+        named().gap, replace(named().composition, gap_after_N=18.05, shrink_ci95=(0.0, 1.0 - 12.0 / 36.1))
+    )
     assert share.value == pytest.approx(0.75) and share.low == pytest.approx(0.0)
     assert share.high == pytest.approx(1.0 - (12.0 / 36.1) ** 2)
     assert np.isnan(closed_share(replace(named().gap, corrected_N=0.0), named().composition).value)
@@ -270,7 +272,7 @@ def test_a_composition_that_enlarges_the_gap_or_has_none_is_withdrawn(verdict: s
     assert scores.composition == before.nothing and all((s.augmented == s.corrected).all() for s in scores.series)
     assert (scores.causes[0].effects[0], scores.causes[0].probability) == ("valve_lag", 0.6)
     kept = apply_judgement(scores_of_named(), Judgement(UNKNOWN, odds))
-    assert kept.composition == named().composition
+    assert kept.composition == replace(named().composition, probability=0.1)
 
 
 def test_an_effect_whose_interval_includes_none_is_undetermined() -> None:

@@ -69,10 +69,11 @@ KEYS = {  # of ces-gap/1: other programs read them, whatever table writes them
     ),
     **dict.fromkeys(["indistinguishable", "not_separable", "notes"], ""),
     **dict.fromkeys(("where", "rest"), REGION),
-    "gap": "rms_N ci95_N noise_floor_N cost_J corrected_N corrected_ci95_N noise_source",
+    "gap": "rms_N ci95_N noise_floor_N noise_in_band_N cost_J corrected_N corrected_ci95_N noise_source",
     "max_region": "region p_value",
     "causes": "effect form probability parameters gap_after_N shrink shrink_ci95 gain gain_error",
-    "composition": "effects forms gap_after_N shrink shrink_ci95 parameters without_N by_region",
+    "composition": "effects forms gap_after_N shrink shrink_ci95 probability parameters without_N by_region",
+    "rare": "mean_N limit_N recording time_s window_s stroke_m speed_m_s current_A",
     "calibration_map": "speed_m_s current_A force_N",
     "invisible": "effect reason",
     "probabilities": "none unknown",
@@ -107,7 +108,7 @@ def test_numbers_are_those_of_the_diagnosis() -> None:
     assert document["gap"]["rms_N"] == d.gap.rms_N and document["gap"]["corrected_N"] == d.gap.corrected_N
     assert document["causes"][0]["parameters"]["coulomb_N"]["ci95"] == [35.1, 38.4]
     assert document["composition"]["effects"] == ["friction"]
-    assert document["ceiling"]["shrink"] == pytest.approx(1.0 - d.ceiling_after_N / d.gap.rms_N)
+    assert document["ceiling"]["shrink"] == pytest.approx(1.0 - d.ceiling_after_N / d.gap.corrected_N)
     assert document["controls"]["best_wrong_effect"]["effect"] == "valve_lag"
     energies = [row["share_of_energy"] for row in document["where"]]
     assert energies == sorted(energies, reverse=True) and len(energies) == len(d.where.regions)

@@ -249,7 +249,6 @@ def test_unknown_values_leave_a_page() -> None:
         gap=gap,
         causes=(blind,),
         composition=blind,
-        wrong=None,
         ceiling_after_N=nan,
         where=Where((), None, nan, ()),
         rest=Where((), None, nan, ()),
@@ -320,12 +319,15 @@ def test_words_of_numbers_and_regions() -> None:
 
 def test_a_control_longer_than_the_gap_is_shown_as_such() -> None:
     d = named()
-    longer = build_gap_steps(replace(d, wrong=replace(d.wrong, gap_after_N=1.5 * d.gap.rms_N)))
+
+    def with_other(gap_after_N: float) -> Diagnosis:
+        return replace(d, causes=(d.causes[0], replace(d.causes[1], gap_after_N=gap_after_N)))
+
+    longer, far = (build_gap_steps(with_other(times * d.gap.rms_N)) for times in (1.5, 10.0))
     control, first = longer.controls[0], longer.steps[0]
     assert control.length == pytest.approx(1.5 * first.length) and not longer.cut
-    far = build_gap_steps(replace(d, wrong=replace(d.wrong, gap_after_N=10.0 * d.gap.rms_N)))
     assert far.cut and far.controls[0].css == "wrong cut" and far.steps[0].length > 40.0
-    page = report_page(replace(d, wrong=replace(d.wrong, gap_after_N=10.0 * d.gap.rms_N)))
+    page = report_page(with_other(10.0 * d.gap.rms_N))
     assert "ends in an arrow" in page and "ends in an arrow" not in report_page(d)
 
 
@@ -337,12 +339,12 @@ def test_a_learner_that_makes_held_out_recordings_worse_is_said() -> None:
 def test_the_closest_effect_is_the_same_in_the_sentence_the_bars_and_the_key_figure() -> None:
     d = unknown()
     less = replace(d.causes[1], gap_after_N=20.0, shrink=0.5)
-    for causes, css, left in ((d.causes, "after", "80"), ((d.causes[0], less), "wrong", "55")):
-        told = replace(d, causes=causes, wrong=causes[1])
-        text, page = format_verdict(told), page_of(told)
-        bars = (*build_gap_steps(told).steps, *build_gap_steps(told).controls)
-        closest = [bar for bar in bars if bar.remark == "the closest of the known effects"]
-        assert [bar.css for bar in closest] == [css]
-        assert f"the closest, {closest[0].label.split(': ')[-1].removeprefix('With ')}," in text
+    for causes, left in ((d.causes, "80"), ((d.causes[0], less), "55")):
+        told = replace(d, causes=causes)
+        text, page, gap_steps = format_verdict(told), page_of(told), build_gap_steps(told)
+        closest = [bar for bar in gap_steps.steps if bar.remark == "the closest of the known effects"]
+        assert [bar.css for bar in closest] == ["after"]
+        name = closest[0].label.removeprefix("With ")
+        assert f"the closest, {name}," in text and not any(name in bar.label for bar in gap_steps.controls)
         assert words(classed(page, "closed")[0]).startswith(f"{left} %")
         assert not [row for row in cause_rows(told) if row.css == "named"]

@@ -1,0 +1,175 @@
+"""No sentence of a diagnosis contradicts another, and its numbers add up as they are rounded, whatever the numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from io import StringIO
+
+import numpy as np
+import pytest
+from diagnoses import named, pair
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from ces_cli.diagnose.diagnosis import print_diagnosis
+from ces_cli.terminal import terminal
+from ces_gap.baseline.input_timing import InputTiming
+from ces_gap.baseline.learner import LearnedCorrection
+from ces_gap.diagnosis import (
+    AMBIGUOUS,
+    NAMED,
+    NO_GAP,
+    UNKNOWN,
+    Diagnosis,
+    describe_rare,
+    describe_timing,
+    find_closest,
+    format_verdict,
+)
+from ces_gap.inference.judgement import (
+    ALTERNATIVES,
+    LEAVES_MORE,
+    REMAINS,
+    SIMULATION_ERROR,
+    TIMING,
+    UNCERTAIN,
+    WITHIN_BASELINE,
+    WITHIN_NOISE,
+    WITHIN_TOLERANCE,
+)
+from ces_gap.inference.rare import RareDeviation
+from ces_gap.inputs.probe_result import HELD, SimulationProbe
+from ces_gap.report.page import build_gap_steps, report_page
+from ces_gap.report.tables import cause_rows, cause_table
+
+RARE = RareDeviation(80.0, 20.0, "road", 12.34, 0.03, 0.031, 0.2, 0.6)
+LATE = SimulationProbe(HELD, 0.0, 1e-3, (0.0012, 0.0013), calls=5, corrected=InputTiming(0.0, 0.0012))
+LEARNED = object.__new__(LearnedCorrection)  # only that there is one matters
+FORCES = st.floats(1e-3, 5e3)
+
+
+@st.composite
+def diagnoses(draw: st.DrawFn) -> Diagnosis:
+    """Return a diagnosis of any numbers that the stages before could have found."""
+    base, shares = draw(st.sampled_from([named(), pair()])), st.floats(0.0, 1.0)
+    before_N, verdict = draw(FORCES), draw(st.sampled_from([NAMED, AMBIGUOUS, UNKNOWN, NO_GAP]))
+    referenced, late = draw(st.booleans()), draw(st.booleans())
+    corrected_N = before_N * draw(st.floats(0.001, 1.3)) if referenced or late else before_N
+    gap = replace(base.gap, rms_N=before_N, corrected_N=corrected_N, noise_floor_N=draw(FORCES))
+    gap = replace(gap, noise_in_band_N=gap.noise_floor_N * draw(shares))
+    closed = [draw(st.floats(0.0, 0.999)) for _ in range(len(base.causes) + 1)]
+    weights = np.array([draw(shares) + 1e-6 for _ in range(len(base.causes) + 2)])
+    odds = (weights / weights.sum()).tolist()
+    causes = [
+        replace(c, gap_after_N=(1.0 - share) * corrected_N, shrink=share, shrink_ci95=(share, share), probability=p)
+        for c, share, p in zip(base.causes, closed[1:], odds[2:], strict=True)
+    ]
+    together, first = base.composition, closed[0]
+    together = replace(together, gap_after_N=(1.0 - first) * corrected_N, shrink=first, shrink_ci95=(first, first))
+    if verdict == NO_GAP:
+        together = replace(together, effects=(), forms=(), estimates=(), without_N=(), shrink=0.0)
+    return replace(
+        base,
+        verdict=verdict,
+        gap=gap,
+        causes=tuple(sorted(causes, key=lambda c: -c.probability)),
+        composition=together,
+        doubt=draw(st.sampled_from([SIMULATION_ERROR, REMAINS, LEAVES_MORE, UNCERTAIN]))
+        if verdict == AMBIGUOUS
+        else "",
+        no_gap_reason=draw(st.sampled_from([WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TOLERANCE])),
+        ceiling_after_N=corrected_N * draw(st.floats(0.0, 1.5)),
+        correction=LEARNED if referenced else None,
+        probe=LATE if late else base.probe,
+        rare=draw(st.sampled_from([None, RARE])) if verdict != NO_GAP else None,
+        probability_none=odds[0],
+        probability_unknown=odds[1],
+        next_experiment=None,
+        by_region=(),
+        timed_N=corrected_N,
+        held_out=(),
+    )
+
+
+def sentences(d: Diagnosis) -> str:
+    return format_verdict(d) + describe_rare(d) + describe_timing(d)
+
+
+def said(text: str) -> float:
+    """Return a number as a reader takes it."""
+    return float(re.sub(r"[\u202f ]", "", text).replace("\u2212", "-"))
+
+
+NUMBER = r"([\d.\u202f]+)"
+
+
+def contradictions(d: Diagnosis, text: str) -> Iterator[str]:
+    """Yield what a reader of the texts would object to."""
+    for part, whole in re.findall(rf"all but {NUMBER} N of (?:the|its) {NUMBER} N", text):
+        if said(part) >= said(whole):
+            yield f"all but {part} of {whole}"
+    for before, after in re.findall(rf"shrinks from {NUMBER} N to {NUMBER} N", text):
+        if said(after) >= said(before):
+            yield f"shrinks from {before} to {after}"
+    if d.correction is not None and re.search("ecord references|and references", text):
+        yield "asks for references that were given"
+    closest = find_closest(d)
+    for names in re.findall(r"the closest, ([^,;]*), leaves", text):
+        shown = [bar.label for bar in build_gap_steps(d).steps if bar.css.startswith("after")]
+        if closest is None or shown != [f"With {' and '.join(e.replace('_', ' ') for e in closest.effects)}"]:
+            yield f"the closest, {names}, and {shown}"
+
+
+@given(diagnoses())
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_no_sentence_contradicts_another(d: Diagnosis) -> None:
+    d = replace(d, sentence=sentences(d))
+    page = re.sub(r"<svg.*?</svg>|<[^>]*>", " ", report_page(d), flags=re.DOTALL)
+    text = f"{d.sentence} {page}"
+    assert list(contradictions(d, text)) == [], text
+    steps = {bar.css.split()[0]: bar for bar in build_gap_steps(d).steps}
+    if "after" in steps and (share := re.search(r"closes (\d+)", steps["after"].remark)):
+        base = said(steps["corrected" if "corrected" in steps else "before"].value)
+        told, rounding_N = base * (1.0 - 0.01 * float(share[1])), 0.01 * base + 0.01
+        assert said(steps["after"].value) == pytest.approx(told, abs=rounding_N)
+
+
+@given(diagnoses())
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_percentages_sum_to_a_hundred_and_what_acts_together_has_one(d: Diagnosis) -> None:
+    rows = cause_table(d).rows
+    assert sum(row.percentage for row in rows) == 100
+    if len(d.composition.effects) > 1:
+        first, *others = cause_rows(d)
+        assert first.effect == "friction and valve lag" and first.what == "together"
+        assert [r.percent for r in others if r.effect in ("friction", "valve lag")] == ["", ""]
+        alone = [c.probability for c in d.causes if c.effects[0] in d.composition.effects]
+        assert first.probability == pytest.approx(sum(alone))
+
+
+def test_what_users_objected_to() -> None:
+    """Sentences that stood in reports, each of which contradicted itself."""
+    d = replace(named(), correction=LEARNED)
+    gap = replace(d.gap, rms_N=9.04, corrected_N=8.98)
+    alike = replace(d, verdict=NO_GAP, no_gap_reason=WITHIN_BASELINE, gap=gap, held_out=())
+    assert "all but 9 N of the 9 N" not in format_verdict(alike) and "9 N RMS are left" in format_verdict(alike)
+    enlarged = replace(d, correction=None, gap=replace(d.gap, rms_N=68.6, corrected_N=69.6), probe=LATE)
+    assert "lie beyond" not in describe_timing(enlarged) and "69.6" not in describe_timing(enlarged)
+    late = replace(enlarged, gap=replace(d.gap, rms_N=14.9, corrected_N=0.176))
+    assert "(position 1.2 ms late) causes all but 0.176 N of its 14.9 N RMS" in describe_timing(late)
+    smoothed = replace(d.composition, effects=(TIMING,))
+    assert "caused by the simulation's timing" in format_verdict(replace(d, composition=smoothed))
+    assert "80 N over 30 ms at 12.34 s of road (stroke 31 mm" in describe_rare(replace(d, rare=RARE))
+    never = replace(d, verdict=AMBIGUOUS, doubt=ALTERNATIVES, alternatives=("valve_lag",), next_experiment=None)
+    assert "references that are free" not in report_page(never)
+    assert "references that are free" in report_page(replace(never, correction=None))
+
+
+def test_the_terminal_shows_both_steps(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
+    out = StringIO()
+    monkeypatch.setattr(terminal, "out", Console(file=out, width=160))
+    print_diagnosis(pair(), tmp_path, ())  # type: ignore[arg-type]
+    assert "friction and valve lag" in out.getvalue()
