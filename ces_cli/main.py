@@ -37,6 +37,7 @@ PROGRAMS: ProgramTable = {  # module and summary by name
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
     "export-data": ("bags.export_data", "write recordings and a model's estimates as CSV or Parquet"),
     "export": ("identify.export", "write a model as C source, as an FMU, or as a ROS 2 package in C++"),
+    "calibrate": ("calibrate", "fit the named parameters of a simulation to recordings"),
     "diagnose": (
         "diagnose.program",
         "find where a simulation differs from reality and which missing effect is the cause",

@@ -1,4 +1,4 @@
-"""The JSON Schemas (draft 7) of the YAML files and gap.json, from the fields, options and tables that check them."""
+"""The JSON Schemas (draft 7) of the YAML files and results, from the fields, options and tables that check them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import Any
 from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_mapping import BLANKS, COLUMN_KEYS, LAYOUT_KEYS, SOURCES
+from ces_gap.report.calibration import calibrated_schema
 from ces_gap.report.gap_json import gap_schema
 from ces_identify.campaign.plan import COMMON, STRUCTURES, CellLimits, axis_schema
 from ces_identify.options import SPLIT
@@ -397,6 +398,7 @@ BUILDERS: Mapping[str, Callable[[], Schema]] = {
     "rig-node": partial(node_schema, (*OF_THE_RIG_NODE, *OF_THE_RIG), with_dots=True),
     "identify-node": partial(node_schema, (*PARAMETERS, EXIT_WHEN_DONE)),
     "gap": gap_schema,
+    "calibrated": calibrated_schema,
 }
 
 

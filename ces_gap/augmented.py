@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,6 +28,7 @@ from ces_gap.errors import GapError
 from ces_gap.sensor_noise import UNMEASURED
 from ces_gap.trace import make_trace, smooth_recording
 from ces_identify.simulations.fmu import SPEC
+from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer import __version__
 from ces_observer.errors import CesError, ModelError
@@ -58,6 +59,15 @@ class AugmentedSimulation(Simulation):
     def innermost(self) -> Simulation:
         """The simulation without any effects and corrections."""
         return self.simulation.innermost
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the simulation inside, unless recorded predictions or a twin replace it."""
+        return self.simulation.parameters
+
+    def with_values(self, values: Mapping[str, float]) -> AugmentedSimulation:
+        """Return the same effects around the simulation with other values."""
+        return replace(self, simulation=self.simulation.with_values(values))
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample (n,), NaN where the simulation has none.
@@ -135,11 +145,13 @@ def augmented_text(
     is_recorded: bool = False,
     provenance: Mapping[str, Any] | None = None,
     timing: InputTiming = ON_TIME,
+    values: Mapping[str, float] | None = None,
 ) -> str:
-    """Return the text of the file; `sim` comes from `name_simulation`."""
+    """Return the text of the file; `sim` comes from `name_simulation`, `values` are those of its parameters."""
     document = {
         "schema": SCHEMA,
         "sim": dict(sim),
+        **({"parameters": dict(values)} if values else {}),
         **({"input_timing": timing.as_json()} if timing else {}),
         "correction": None if correction is None else correction.as_json(),
         "twin": twin.as_json() if twin is not None and (is_recorded or composition.edits) else None,
@@ -174,19 +186,31 @@ def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:
     settings = tuple(_read_setting(node) for node in root.items("effects", 0, MAX_EFFECTS))
     correction = _read_learned_part(root, "correction", LearnedCorrection)
     twin, is_recorded = _read_learned_part(root, "twin", Twin), root.flag("is_recorded")
-    spec, rest = _split(root.at("sim").text("spec"))
-    if spec:
-        file = path.parent / spec
-        if not file.is_file():
-            raise GapError(f"{path}: its simulation {file} is missing; restore it or run `ces diagnose` again")
-        if _digest(file) != root.at("sim").text("sha256"):
-            raise GapError(f"{path}: its simulation {file} has changed since; run `ces diagnose` again")
-        rest = f"{file}{rest}"
-    simulation, provenance = open_simulation(rest), root.at("provenance").value
+    simulation, provenance = open_named(path, root.at("sim"), open_simulation), root.at("provenance").value
+    if "parameters" in root.value:
+        simulation = simulation.with_values(
+            {name: root.at("parameters").number(name) for name in root.value["parameters"]}
+        )
     if "input_timing" in root.value:
         simulation = RetimedSimulation(simulation, InputTiming.from_json(root.at("input_timing")))
     composition = Composition(settings)
     return AugmentedSimulation(str(path), simulation, composition, correction, twin, is_recorded, provenance)
+
+
+def open_named(path: Path, sim: JsonObject, open_simulation: Opener, writer: str = "diagnose") -> Simulation:
+    """Return the simulation that `sim` in the file `path` names (`name_simulation`), unless its own file has changed.
+
+    `writer` is the program that wrote the file. Raises CesError.
+    """
+    spec, rest = _split(sim.text("spec"))
+    if spec:
+        file = path.parent / spec
+        if not file.is_file():
+            raise GapError(f"{path}: its simulation {file} is missing; restore it or run `ces {writer}` again")
+        if _digest(file) != sim.text("sha256"):
+            raise GapError(f"{path}: its simulation {file} has changed since; run `ces {writer}` again")
+        rest = f"{file}{rest}"
+    return open_simulation(rest)
 
 
 def _digest(file: Path) -> str:

@@ -79,6 +79,7 @@ class Diagnosis:
     figures: VerdictFigures | None = None  # the basis of the verdict
     doubt: str = ""  # what keeps a cause from being named: constants of `inference/verdict.py`
     alternatives: tuple[str, ...] = ()  # effects outside the composition that stay possible
+    explained_as_well: tuple[tuple[str, ...], ...] = ()  # by each of these, parameters and effects together
     timed_N: float = float("nan")  # gap after the simulation's timing was fitted
     probe: SimulationProbe = NOT_PROBED  # what the simulation does to its inputs
     rare: RareDeviation | None = None  # the largest local deviation, if it stands out

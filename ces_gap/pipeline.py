@@ -12,23 +12,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ces_data.recording import Recording
-from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis, describe_rare, describe_timing, format_verdict
+from ces_gap.calibrate.calibration import FreedParameters, free_parameters
+from ces_gap.calibrate.free import NONE
+from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library, require_sound
-from ces_gap.effects.simulation_errors import simulation_errors
+from ces_gap.effects.simulation_errors import SampleTiming, simulation_errors
 from ces_gap.experiment.next_experiment import find_pairs, propose_experiment
 from ces_gap.inference.evidence import Baseline, learn_baseline
 from ces_gap.inference.findings import bound_notes, collect_findings, timing_notes
-from ces_gap.inference.fit import Refinement
 from ces_gap.inference.held_out import HeldOutScores, apply_judgement, collect_evidence, score_held_out
 from ces_gap.inference.judgement import Judgement, SearchFindings
 from ces_gap.inference.odds import calibration
+from ces_gap.inference.refinement import Refinement
 from ces_gap.inference.search import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED, EffectSearchResult, search
 from ces_gap.inference.verdict import judge
 from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_notes
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.regions.locate import NOWHERE, locate_gap
+from ces_gap.report.parameters import with_parameters
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 
 
@@ -41,6 +44,7 @@ class DiagnoseOptions:
     seed: int = 1  # of the bootstrap
     tolerance: float | None = None  # share of the RMS force: a smaller gap is none (default `findings.tolerance_N`)
     experiment: bool = True  # whether to choose the next experiment
+    fit: tuple[str, ...] = ()  # parameters of the simulation that compete, NAME or NAME=LOW..HIGH; all if empty
 
 
 @dataclass(frozen=True)
@@ -70,10 +74,22 @@ def diagnose(
     The result is validated on `held_out`, or on a part of `real`; `reference` recordings teach the baseline error.
     `progress` receives each step and the share of it that is done. Raises CesError if a diagnosis is not possible.
     """
-    options = options or DiagnoseOptions()
-    effects = (*library(), *options.effects, *(() if reference else simulation_errors()))
+    options, optional = options or DiagnoseOptions(), OptionalSteps()
+    has_parameters = bool(simulation.parameters) and not reference and list(options.fit) != [NONE]
+    errors = simulation_errors() if not has_parameters else (SampleTiming(),)  # parameters are the better calibration
+    effects = (*library(), *options.effects, *(() if reference else errors))
     needs_twin = any(effect.edits for effect in effects)
     inputs = prepare_recordings(simulation, real, held_out, reference, progress, options.threads, needs_twin)
+    chosen = FreedParameters(simulation)
+    if has_parameters:
+        twin = None if inputs.twin_problem else inputs.twin
+        found = free_parameters, simulation, spec, real, bool(held_out), effects, twin, options.fit, progress
+        chosen = optional.run("parameters of the simulation", lambda: found[0](*found[1:]), chosen)
+    if chosen.freed:
+        before, simulation = (simulation, inputs.twin), chosen.simulation
+        inputs = prepare_recordings(
+            simulation, real, held_out, reference, progress, options.threads, needs_twin, before
+        )
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
@@ -95,9 +111,8 @@ def diagnose(
     scores = apply_judgement(scores, judgement)
     stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement)
     diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
-    diagnosis = replace(diagnosis, notes=(*notes, *seen, *diagnosis.notes))
-    sentence = format_verdict(diagnosis) + describe_rare(diagnosis) + describe_timing(diagnosis)
-    return replace(diagnosis, sentence=sentence)
+    diagnosis = replace(diagnosis, notes=(*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes))
+    return with_parameters(diagnosis, chosen)
 
 
 def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:

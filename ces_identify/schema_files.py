@@ -23,6 +23,7 @@ ABOUT: Mapping[str, str] = {
     "rig-node": "Parameters of the node rig",
     "identify-node": "Parameters of the node identify",
     "gap": "Result of a diagnosis, gap.json (ces diagnose)",
+    "calibrated": "Simulation with fitted parameters, calibrated.json (ces calibrate)",
 }
 KEYWORD = "# yaml-language-server: $schema="
 

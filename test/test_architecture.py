@@ -41,13 +41,14 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     ),
     "ces_rig": ("errors drive sensors dampers experiment withheld blind live"),
     "ces_gap": (
-        "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
+        "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference calibrate "
         "experiment regions diagnosis report pipeline api fleet"
     ),
     "ces_iterate": "errors commands plan design rigs loop page",
     "ces_serve": "items catalogue contents work security app server",
     "ces_cli": (
-        "terminal bags blind compare diagnose iterate rig serve identify schemas schema versions main ros_program"
+        "terminal bags blind calibrate compare diagnose iterate rig serve identify schemas schema versions main "
+        "ros_program"
     ),
 }
 ROS = {
@@ -73,14 +74,14 @@ MAX_PACKAGE = {
     "ces_observer": 139.5,
     "ces_data": 86.7,
     "ces_report": 11.6,
-    "ces_identify": 167.3,
+    "ces_identify": 168.4,
     "ces_rig": 57.4,
-    "ces_gap": 107.0,
+    "ces_gap": 118.8,
     "ces_iterate": 20.9,
     "ces_serve": 11.8,
-    "ces_cli": 57.2,
-    "bench": 78.1,
-    "test": 470,
+    "ces_cli": 58.2,
+    "bench": 81.1,
+    "test": 472.8,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

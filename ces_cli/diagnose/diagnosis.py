@@ -96,7 +96,9 @@ def build_diagnose_options(options: Namespace, threads: int) -> DiagnoseOptions:
     import_from_here()
     effects = tuple(user_effect(spec) for spec in options.effects)
     threads, tolerance = options.threads or threads, None if options.tolerance is None else 0.01 * options.tolerance
-    return DiagnoseOptions(effects=effects, threads=threads, seed=options.seed, tolerance=tolerance)
+    return DiagnoseOptions(
+        effects=effects, threads=threads, seed=options.seed, tolerance=tolerance, fit=tuple(options.fit)
+    )
 
 
 def read_with_predictions(simulation: Simulation | None, path: Path, signals: Signals) -> Recording:

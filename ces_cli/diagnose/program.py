@@ -7,17 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, SIGNALS, never_with, only_with
+from ces_cli.terminal.options import FIT, HELD_OUT, JOBS, JSON, OVERWRITE, REAL, SIGNALS, never_with, only_with
 from ces_cli.terminal.outputs import require_outputs
 from ces_cli.terminal.recordings import RECORDING, VEHICLE
 from ces_cli.terminal.simulations import HELP
+from ces_gap.calibrate.free import NONE
 from ces_identify.options import SEED, THREADS
 from ces_identify.structures.auto import AUTO
-from ces_observer.fields import REQUIRED
 from ces_observer.options import Option, in_group
 from ces_observer.structures import STRUCTURES
 
-BAGS_OPTION = Option("", (), metavar="BAG", together=True)
 NAMES = [one.option for one in STRUCTURES.values() if one.is_offered]
 IDENTIFY = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
 OWN_EFFECTS = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
@@ -33,13 +32,17 @@ OPTIONS = (
         choices=(AUTO, *NAMES),
         metavar="NAME",
     ),
-    replace(BAGS_OPTION, name="real", default=REQUIRED, meaning="recordings of the real damper: bags, folders, globs"),
+    REAL,
+    HELD_OUT,
     replace(
-        BAGS_OPTION, name="held_out", meaning="recordings for evaluation only", none="a part of --real is held out"
+        FIT,
+        meaning=f"{FIT.meaning}; {NONE}: all keep their values. Not with --reference, which teaches what is off",
+        none="all that a function or FMU declares compete with the effects",
     ),
     replace(
-        BAGS_OPTION,
+        HELD_OUT,
         name="reference",
+        none="",
         meaning="recordings known to be free of the effect; the simulation's own error is learned from them first",
     ),
     SIGNALS,
@@ -67,6 +70,7 @@ RULES = (
         "does not apply with --identify, which takes a model of the references as simulation; remove one",
     ),
     only_with("jobs", "each", "applies to fleets; add --each recording or --each vehicle"),
+    never_with("fit", "reference", "does not apply with --reference: what is off on references is corrected"),
     never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
     never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
 )

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ces_observer.errors import CesError
+from ces_observer.fields import REQUIRED
 from ces_observer.options import Option
 
 Condition = Callable[[argparse.Namespace], bool]
@@ -103,6 +104,26 @@ BAGS_FORM = "bags, folders of bags, or globs"
 MODEL = Argument("model", kind=Path, metavar="MODEL.json")
 ONE_BAG = Argument("bag", meaning="recording: a bag, or a folder or glob that names one", metavar="BAG")
 BAGS = Argument("bags", (), "rosbag2 folder, .mcap, .db3 or .bag file, or a glob", metavar="BAG", count="+")
+REAL = Option(
+    "real",
+    REQUIRED,
+    "recordings of the real damper: bags, folders, globs",
+    kind=str,
+    metavar="BAG",
+    together=True,
+    many=True,
+)
+HELD_OUT = Option(
+    "held_out", (), "recordings for evaluation only", none="a part of --real is held out", metavar="BAG", together=True
+)
+FIT = Option(
+    "fit",
+    (),
+    "parameters of the simulation that may change; NAME=LOW..HIGH bounds one (a whole number: each is tried)",
+    none="all that it declares",
+    metavar="NAME[=LOW..HIGH]",
+    together=True,
+)
 PART = PartOption("part", "0:1", "part of each recording to use, from 0 to 1", metavar="FROM:TO")
 SIGNALS_FORM = "signals file (YAML); FILE#NAME for one of several dampers in it"
 SIGNALS = Option("signals", None, SIGNALS_FORM, kind=Path, none="the packaged file", metavar="FILE")

@@ -88,8 +88,8 @@ class FileProgress(LiveBar):
 class DiagnoseProgress(LiveBar):
     """Shows the current step of a diagnosis; `listen` may be called from any thread."""
 
-    def __init__(self) -> None:
-        super().__init__("diagnosing", bars.TaskProgressColumn(), bars.TimeElapsedColumn(), total=1.0)
+    def __init__(self, label: str = "diagnosing") -> None:
+        super().__init__(label, bars.TaskProgressColumn(), bars.TimeElapsedColumn(), total=1.0)
 
     def listen(self, step: str, share: float) -> None:
         """Show the step that begins and the share of the work that is done."""

@@ -1,4 +1,4 @@
-"""`SIM` on a command line: a model, augmented simulation, rig, FMU, module:function, or predictions in a bag."""
+"""`SIM` on a command line: a model, a result, a rig, an FMU, module:function, or predictions in a bag."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ from ces_observer.model import load_model
 from ces_observer.signals import Signal, Signals
 
 HELP = (
-    "MODEL.json, AUGMENTED.json, RIG.yaml, module:function, topic:/name, or a co-simulation FILE.fmu, which runs "
-    "native code: use only a file that you trust (FILE.fmu:position=NAME,current=NAME,force=NAME names its variables)"
+    "MODEL.json, AUGMENTED.json, CALIBRATED.json, RIG.yaml, module:function, topic:/name, or a co-simulation FILE.fmu, "
+    "which runs native code: use only a file that you trust (FILE.fmu:position=NAME,current=NAME,force=NAME names its "
+    "variables)"
 )
-EXPECTED = "MODEL.json, AUGMENTED.json, RIG.yaml, FILE.fmu, module:function or topic:/name"
+EXPECTED = "MODEL.json, AUGMENTED.json, CALIBRATED.json, RIG.yaml, FILE.fmu, module:function or topic:/name"
 FIELDS = {
     "std_msgs/msg/Float64": "data",
     "std_msgs/msg/Float32": "data",
@@ -46,12 +47,7 @@ def open_simulation(spec: str) -> Simulation:
         return open_fmu(spec)
     path = Path(spec)
     if path.suffix.lower() == ".json":
-        from ces_gap.augmented import is_augmented, load_augmented
-
-        if not is_augmented(path):
-            return ModelSimulation(load_model(path))
-        import_from_here()  # for the user's own effects
-        return load_augmented(path, open_simulation)
+        return _open_json(path)
     if path.suffix.lower() in (".yaml", ".yml"):
         from ces_rig.experiment import load_rig
 
@@ -62,6 +58,18 @@ def open_simulation(spec: str) -> Simulation:
     if path.suffix == ".py":
         raise CesError(f"'{spec}' is a file; expected {path.stem}:FUNCTION, of (time_s, position_m, current_A)")
     raise CesError(f"'{spec}' is no simulation; expected {EXPECTED}")
+
+
+def _open_json(path: Path) -> Simulation:
+    from ces_gap.augmented import is_augmented, load_augmented
+    from ces_gap.report.calibration import is_calibrated, load_calibrated
+
+    if is_calibrated(path):
+        return load_calibrated(path, open_simulation)
+    if not is_augmented(path):
+        return ModelSimulation(load_model(path))
+    import_from_here()  # for the user's own effects
+    return load_augmented(path, open_simulation)
 
 
 def find_file(spec: str) -> Path | None:

@@ -6,6 +6,7 @@ that filters the position answers late. `ces_gap.inputs.probes` measures by how 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
+from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.json_text import JsonObject
 
@@ -55,6 +57,15 @@ class RetimedSimulation(Simulation):
     def innermost(self) -> Simulation:
         """The simulation inside."""
         return self.simulation.innermost
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the simulation inside."""
+        return self.simulation.parameters
+
+    def with_values(self, values: Mapping[str, float]) -> RetimedSimulation:
+        """Return the same retiming of the simulation with other values."""
+        return replace(self, simulation=self.simulation.with_values(values))
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample (n,), as if the simulation took its inputs on time."""

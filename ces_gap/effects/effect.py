@@ -42,6 +42,7 @@ class EffectParameter:
     magnitude: bool = False
     neutral: float = 0.0
     usual: tuple[float, float] | None = None  # all of [`low`, `high`] if None
+    step: float = 0.0  # of the search variable for derivatives; 0: a share of its range
 
     def to_search(self, value: float) -> float:
         """Return the search variable of a value."""

@@ -1,23 +1,20 @@
 """Fitting effects: bounded Levenberg-Marquardt on whitened residuals, with cross-validation over units.
 
 Cross-validation is linearised: one Gauss-Newton step from the fit of all units gives the fit without one unit and its
-residual on that unit (exact for effects that are linear in their parameters). The parameters' intervals follow, and
-fits that are repeated with the simulation itself where its twin replaces it.
+residual on that unit (exact for effects that are linear in their parameters). The parameters' intervals follow.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence
-from ces_gap.trace import Trace, TraceInputs
-from ces_observer.errors import CesError
+from ces_gap.progress import Progress, ignore_progress
 
 ITERATIONS = 8
 STEP = 1e-3  # of a parameter's range: step of the difference quotients
@@ -25,11 +22,11 @@ MIN_GAIN = 3e-4  # share of the gap's energy: an iteration that explains less is
 MIN_EXPLAINED = 0.005  # of the gap's energy: a fit that explains less is not continued
 MAX_STARTS = 6
 MAX_SCALED_STARTS = 2  # starts whose magnitude is scaled to fit
-ROUNDS = 2
-MIN_CHANGE = 0.01  # relative change of the parameters below which another round is not worth a simulation
 DRIFT = 4.0  # standard errors: units that disagree by more make a parameter drift
 Z95 = 1.96
 MISFIT_ALIGNED = 0.25
+MIN_FORM_GAIN = 0.02  # of the gap's energy: what a form with more parameters must leave less at its start
+MAX_REPEATS, SETTLED = 5, 0.1  # of a fit; standard errors by which a settled parameter moves
 NEAR_BOUND = 1e-3  # of the range: a parameter closer to its bound counts as on it
 
 Interval = tuple[float, float]
@@ -102,6 +99,45 @@ def fit_together(evidence: Evidence, parts: Sequence[EffectFit]) -> EffectFit:
     return fit_from(evidence, effects, np.concatenate([part.searched for part in parts]))
 
 
+def fit_promising(
+    evidence: Evidence, effects: Sequence[Effect], count: int, progress: Progress = ignore_progress
+) -> list[EffectFit]:
+    """Return the fits of the `count` effects of which a form leaves least at its best start, least first.
+
+    Of an effect, a form with more parameters must leave clearly less.
+    """
+    begun: dict[str, tuple[float, _Objective, F, F]] = {}
+    for k, effect in enumerate(sorted(effects, key=lambda e: len(e.parameters))):
+        progress(f"trying {effect.name}", k / len(effects))
+        objective = _Objective(evidence, (effect,))
+        point, residual = _choose_start(objective, starts(evidence, effect))
+        left, gap = float(residual @ residual), float(objective.baseline_residual @ objective.baseline_residual)
+        simpler = begun.get(effect.name)
+        more = simpler is not None and len(effect.parameters) > len(simpler[1].low)
+        if simpler is None or left < simpler[0] - more * MIN_FORM_GAIN * max(gap - len(residual), 0.0):
+            begun[effect.name] = (left, objective, point, residual)
+    best = sorted(begun.values(), key=lambda start: start[0])[:count]
+    return sorted((_fit_from(*start[1:]) for start in best), key=lambda fit: fit.cost)
+
+
+def linearise(evidence: Evidence, effects: tuple[Effect, ...], searched: F) -> tuple[F, F]:
+    """Return the whitened residual (r,) and the Jacobian (r, p) of the modelled force at searched values (p,)."""
+    objective = _Objective(evidence, effects)
+    residual = objective(searched)
+    return residual, objective.jacobian(searched, residual)
+
+
+def fit_to_the_end(evidence: Evidence, effects: tuple[Effect, ...], start: F) -> EffectFit:
+    """Return the fit from `start` (p,), repeated until no parameter moves by a noteworthy part of its error."""
+    fit = fit_from(evidence, effects, start)
+    for _ in range(MAX_REPEATS):
+        before, fit = fit, fit_from(evidence, effects, fit.searched)
+        errors = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+        if (np.abs(fit.searched - before.searched) <= SETTLED * errors).all():
+            break
+    return fit
+
+
 def fit_from(evidence: Evidence, effects: tuple[Effect, ...], start: F) -> EffectFit:
     """Return the fit that Levenberg-Marquardt reaches from `start` (p,) inside the bounds."""
     objective = _Objective(evidence, effects)
@@ -144,11 +180,19 @@ class _Objective:
         return residual if np.isfinite(residual).all() else np.full_like(residual, 1e6)
 
     def jacobian(self, searched: F, residual: F) -> F:
-        """Return the Jacobian (r, p) of the modelled force by one-sided differences, away from the nearer bound."""
+        """Return the Jacobian (r, p) of the modelled force by one-sided differences, away from the nearer bound.
+
+        A step after which there is no force, as where a simulation of the user fails, is made in the other direction.
+        """
         span = self.high - self.low
         size = STEP * np.maximum(np.minimum(span, 10.0 * np.abs(searched)), 0.02 * span)
+        given = np.array([p.step for effect in self.effects for p in effect.parameters])
+        size = np.where(given > 0.0, given, size)
         steps = np.where(searched + size <= self.high, size, -size)
         moved = [self.forces(searched + step * unit) for step, unit in zip(steps, np.eye(len(searched)), strict=True)]
+        for k in [k for k, forces in enumerate(moved) if not all(np.isfinite(f).all() for f in forces)]:
+            steps[k] *= -1.0
+            moved[k] = self.forces(searched + steps * (np.arange(len(steps)) == k))
         out = residual[:, None] - self.evidence.residual(list(map(np.column_stack, zip(*moved, strict=True))))
         out = np.where(np.isfinite(out).all(axis=0), out, -1e6)
         return np.asarray(out / steps)
@@ -292,6 +336,7 @@ class Estimate:
     ci95: Interval
     at_bound: bool = False
     drifts: bool = False
+    default: float = float("nan")  # of a parameter of the simulation
 
 
 def estimate_parameters(fit: EffectFit) -> tuple[tuple[Estimate, ...], ...]:
@@ -340,56 +385,3 @@ def _estimate(
     at_bound = bool((searched - low < near or high - searched < near) and not abs(searched - neutral) < near)
     drifts = bool(disagreement > DRIFT * max(error, 1e-12))
     return Estimate(parameter.name, parameter.to_value(searched), (ends[0], ends[1]), at_bound, drifts)
-
-
-@dataclass(frozen=True)
-class AnchoredTwin(TraceSimulator):
-    """The twin `cheap` on one trace, with the inputs (2n,) `moved` by the anchor and its `error` [N] (n,)."""
-
-    cheap: TraceSimulator
-    moved: F
-    error: F
-
-    def force(self, trace: Trace, inputs: TraceInputs) -> F:
-        """Return the simulated force [N] (n,)."""
-        size = float(self.moved @ self.moved)
-        share = float(self.moved @ _change(trace, inputs)) / size if size > 0.0 else 0.0
-        return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.error
-
-
-def _change(trace: Trace, inputs: TraceInputs) -> F:
-    """Return how far inputs differ from the recorded ones (2n,), in units of their standard deviations."""
-    pairs = ((inputs.position, trace.inputs.position), (inputs.current, trace.inputs.current))
-    return np.concatenate([(new - old) / max(float(old.std()), 1e-9) for new, old in pairs])
-
-
-@dataclass(frozen=True)
-class Refinement:
-    """Repeats fits with the `exact` simulation where the evidence holds its twin; does nothing if it is None."""
-
-    exact: TraceSimulator | None = None
-
-    def refine(self, evidence: Evidence, fit: EffectFit) -> EffectFit:
-        """Return the refined fit; each round runs the simulation once on every trace."""
-        if self.exact is None or not fit.composition.reruns:
-            return fit
-        for _ in range(ROUNDS):
-            before = fit.searched
-            fit = fit_from(self.anchor(evidence, fit), fit.effects, before)
-            if np.abs(fit.searched - before).max() <= MIN_CHANGE * np.abs(before).max():
-                break
-        return fit
-
-    def anchor(self, evidence: Evidence, fit: EffectFit) -> Evidence:
-        """Return the evidence with twins that are exact at the fit, as far as the simulation takes its inputs."""
-        if self.exact is None or not fit.composition.reruns:
-            return evidence
-        plants = []
-        for plant, trace, alone in zip(evidence.plants, evidence.traces, evidence.alone, strict=True):
-            inputs = fit.composition.drive(trace, alone)
-            try:
-                error = self.exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
-            except CesError:
-                return evidence
-            plants.append(replace(plant, simulation=AnchoredTwin(plant.simulation, _change(trace, inputs), error)))
-        return replace(evidence, plants=tuple(plants))

@@ -113,11 +113,8 @@ def score_held_out(
     reference_N = result.evidence.noise.rms_N if inputs.reference else np.inf
     limits = {"what the references leave": reference_N, "what a learner cannot explain": findings.rest_N}
     blocks = cut_into_blocks(inputs.held_out, seed, min(limits.values()))
-    scorer, is_corrected = (
-        build_scorer(blocks, baseline.plant, inputs.best),
-        bool(inputs.reference or inputs.probe.corrected),
-    )
-    scorer = scorer if is_corrected else replace(scorer, corrected=scorer.before)
+    scorer = build_scorer(blocks, baseline.plant, inputs.best)
+    scorer = scorer if inputs.is_corrected else replace(scorer, corrected=scorer.before)
     best, timing = result.best, [f for f in result.alone if f.effects[0].nuisance][:1]
     forces = tuple(scorer.alone if best is None else scorer.forces(best, True))
     nothing = scorer.explain()

@@ -19,7 +19,8 @@ from ces_gap.effects.effect import Effect
 from ces_gap.effects.simulation_errors import CALIBRATION_FORMS
 from ces_gap.inference.both_sides import explain_static_map
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.fit import EffectFit, Refinement, count_stuck_parameters, fit_alone, fit_together
+from ces_gap.inference.fit import EffectFit, count_stuck_parameters, fit_alone, fit_together
+from ces_gap.inference.refinement import Refinement
 from ces_gap.inputs.checks import is_current_constant
 from ces_gap.progress import Progress, ignore_progress
 

@@ -45,6 +45,7 @@ class DiagnosisInput:
     cheap: TraceSimulator
     twin: Twin | None
     probe: SimulationProbe = NOT_PROBED
+    is_corrected: bool = False  # whether parameters, inputs or references correct the simulation before effects do
 
     @property
     def best(self) -> TraceSimulator:
@@ -72,11 +73,14 @@ def prepare_recordings(
     progress: Progress = ignore_progress,
     threads: int = 1,
     needs_twin: bool = True,
+    uncalibrated: tuple[Simulation, Twin | None] | None = None,
 ) -> DiagnosisInput:
     """Return the traces of all recordings; without `held_out` a part of `real` is set aside. Raises GapError.
 
-    With `needs_twin`, a simulation that is run gets one, too: for effects inside the damper.
+    With `needs_twin`, a simulation that is run gets one, too: for effects inside the damper. The gap is that of the
+    `uncalibrated` simulation, if given; its twin is near enough for effects inside.
     """
+    original, known_twin = uncalibrated or (simulation, None)
     roles = [(real, not held_out), (held_out, True), (reference, False)]  # True: needs the force on the logged position
     count, done = len(real) + len(held_out) + len(reference), 0
     traces: list[list[Trace]] = []
@@ -84,7 +88,9 @@ def prepare_recordings(
         traces.append([])
         for recording in recordings:
             progress(f"simulating {recording.name}", done / count)
-            trace = exclude_saturated_ticks(open_trace(simulation, recording, also_as_logged))
+            trace = exclude_saturated_ticks(open_trace(original, recording, also_as_logged))
+            if original is not simulation:
+                trace = with_simulation(trace, simulation.force(trace.recording))
             require_usable(trace)
             traces[-1].append(trace)
             done += 1
@@ -109,12 +115,15 @@ def prepare_recordings(
     exact = None if find_predictions(simulation) is not None else DirectSimulator(simulation)
     is_slow = exact is None or runs_slowly(exact, fitted)
     twin, everything = None, [*fitted, *held, *references]
-    if needs_twin or is_slow:
+    if known_twin is not None and not is_slow:
+        twin = known_twin
+    elif needs_twin or is_slow:
         twin = find_own_twin(simulation, everything) or find_twin(everything, threads, progress)
     cheap = twin if is_slow and twin is not None else exact
     if cheap is None:
         raise GapError(f"{', '.join(t.name for t in fitted)}: hardly any motion; expected strokes of the damper")
-    return DiagnosisInput(tuple(fitted), tuple(held), tuple(references), exact, cheap, twin, found)
+    is_corrected = bool(references or found.corrected or original is not simulation)
+    return DiagnosisInput(tuple(fitted), tuple(held), tuple(references), exact, cheap, twin, found, is_corrected)
 
 
 def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:

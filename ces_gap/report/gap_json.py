@@ -149,7 +149,14 @@ NUMBER, POSITIVE, SHRINK, MAYBE = number(), number(minimum=0), number(maximum=1)
 PROBABILITY = Kind({"type": "number", "minimum": 0, "maximum": 1})
 INTERVAL = Kind({"type": "array", "items": NUMBER.schema, "minItems": 2, "maxItems": 2})
 
-PARAMETERS = by_name(record(value=NUMBER, ci95=INTERVAL, at_bound=FLAG, drifts=FLAG))
+ESTIMATE = record(value=NUMBER, ci95=INTERVAL, at_bound=FLAG, drifts=FLAG)
+DEFAULT = {"default": NUMBER("what the simulation had; of its own parameters only").schema}
+PARAMETERS = by_name(
+    Kind(
+        {**ESTIMATE.schema, "properties": {**ESTIMATE.schema["properties"], **DEFAULT}},
+        lambda one: ESTIMATE.write(one) | ({} if math.isnan(one.default) else {"default": one.default}),
+    )
+)
 LEFT = {"gap_after_N": POSITIVE, "shrink": SHRINK, "shrink_ci95": INTERVAL}
 LEFT_TOGETHER = {key: (kind, f"composition.{key}") for key, kind in LEFT.items()}
 REGION = record(
@@ -256,6 +263,7 @@ GAP = record(
         many(CELL)("mean force that a calibration in the composition adds to the simulation, by speed and current"),
         calibration_cells,
     ),
+    explained_as_well=many(many(WORD, 1))("parameters and effects that together would explain the gap as well"),
     indistinguishable=many(many(WORD, 2))("groups of effects that are indistinguishable on these recordings"),
     not_separable=many(WORD)("effects that a calibration of the simulation could absorb: references are needed"),
     invisible=many(INVISIBLE)("effects that these recordings cannot show"),

@@ -8,7 +8,10 @@ from pathlib import PurePath
 
 from ces_data.recording import Recording
 from ces_gap.augmented import augmented_text
+from ces_gap.calibrate.parameters import NAME as PARAMETERS
+from ces_gap.calibrate.parameters import parameter_values
 from ces_gap.diagnosis import Diagnosis
+from ces_gap.effects.effect import Composition
 from ces_gap.experiment.next_experiment import experiment_files
 from ces_gap.progress import OptionalSteps
 from ces_gap.report.gap_json import format_document, gap_document
@@ -38,8 +41,10 @@ def result_files(
     provenance = {role: [{"recording": r.name, "sha256": r.sha256} for r in recordings] for role, recordings in sources}
     found = diagnosis.composition.composition
     said = {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance}
+    values, timing = parameter_values(found), diagnosis.probe.corrected
+    found = Composition(tuple(s for s in found.settings if s.name != PARAMETERS))
     augmented = augmented_text(
-        sim, found, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded, said, diagnosis.probe.corrected
+        sim, found, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded, said, timing, values
     )
     return {GAP: format_document(document), AUGMENTED: augmented, **page, **experiment}
 

@@ -6,6 +6,7 @@ user says, or their declared units and names do; an ambiguous choice raises an e
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
@@ -13,7 +14,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from scipy.signal import butter, sosfiltfilt
 from ces_data.arrays import F, I
 from ces_data.recording import Recording
 from ces_identify.prepare.series import usable_samples
+from ces_identify.simulations.parameters import Parameter, with_defaults
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
@@ -151,6 +153,19 @@ class _Variables:
         )
 
 
+def find_parameters(description: Any) -> tuple[tuple[Parameter, int], ...]:
+    """Return the numbers of causality parameter in the FMU's own units, each with its value reference."""
+    found = []
+    for v in description.modelVariables:
+        if v.causality == "parameter" and v.type in ("Real", "Integer") and v.variability in ("fixed", "tunable"):
+            low, high = (float(end) if end is not None else inf for end, inf in ((v.min, -math.inf), (v.max, math.inf)))
+            whole = v.type == "Integer"
+            found.append(
+                (Parameter(v.name, float(v.start or 0.0), low, high, _unit(v) or "", whole), int(v.valueReference))
+            )
+    return tuple(found)
+
+
 def _unit(variable: Any) -> str | None:
     declared = variable.declaredType.unit if variable.declaredType is not None else None
     return variable.unit or declared
@@ -189,7 +204,8 @@ def open_fmu(spec: str) -> FmuSimulation:
             raise CesError(
                 f"{path}: needs a fixed step but DefaultExperiment has no stepSize; export it again with one"
             )
-    return FmuSimulation(path, choose_ports(description, names, path), bool(capabilities.canInterpolateInputs), step_s)
+    ports, interpolates = choose_ports(description, names, path), bool(capabilities.canInterpolateInputs)
+    return FmuSimulation(path, ports, interpolates, step_s, find_parameters(description))
 
 
 def _import_fmpy(part: str = "fmpy") -> Any:
@@ -219,12 +235,26 @@ def _format_line(error: Exception) -> str:
 
 @dataclass(frozen=True)
 class FmuSimulation(Simulation):
-    """An FMU with its `ports`; `step_s` is its fixed communication step [s], 0 if steps may vary."""
+    """An FMU with its `ports`; `step_s` is its fixed communication step [s], 0 if steps may vary.
+
+    `declared` are its parameters with their value references; `values` replace some of their start values.
+    """
 
     path: str
     ports: Ports
     interpolates: bool
     step_s: float
+    declared: tuple[tuple[Parameter, int], ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The variables of causality parameter."""
+        return tuple(with_defaults([parameter for parameter, _ in self.declared], self.values))
+
+    def with_values(self, values: Mapping[str, float]) -> FmuSimulation:
+        """Return the FMU with other start values of some parameters."""
+        return replace(self, values={**self.values, **values})
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample; NaN at unusable or late samples, and where it is not valid.
@@ -272,6 +302,13 @@ class FmuSimulation(Simulation):
         orders = [1] * len(references)
         try:
             with _open_instance(description, folder, messages) as slave:
+                for parameter, reference in self.declared:
+                    if parameter.name in self.values:
+                        value = self.values[parameter.name]
+                        if parameter.whole:
+                            slave.setInteger([reference], [int(value)])
+                        else:
+                            slave.setReal([reference], [value])
                 slave.setupExperiment(startTime=at)
                 slave.enterInitializationMode()
                 slave.setReal(references, values[0])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Protocol, runtime_checkable
 
@@ -12,11 +12,12 @@ import numpy as np
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.prepare.series import interpolate_force, usable_samples
+from ces_identify.simulations.parameters import Parameter, declared_parameters
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 
-ForceFunction = Callable[[F, F, F], F]  # time_s, position_m, current_A -> force_N, all of shape (n,)
+ForceFunction = Callable[..., F]  # time_s, position_m, current_A (and named numbers) -> force_N, all of shape (n,)
 
 
 @runtime_checkable
@@ -29,6 +30,15 @@ class Simulation(Protocol):
     @property
     def innermost(self) -> Simulation:
         """The simulation inside all wrappers; itself if it wraps none."""
+        return self
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The named numbers that may be fitted, with their present values as defaults."""
+        return ()
+
+    def with_values(self, values: Mapping[str, float]) -> Simulation:
+        """Return the simulation with other values of some of its `parameters`."""
         return self
 
 
@@ -45,20 +55,32 @@ class ModelSimulation(Simulation):
 
 @dataclass(frozen=True)
 class FunctionSimulation(Simulation):
-    """A function of time [s], position [m] and current [A]; errors mention `name`."""
+    """A function of time [s], position [m] and current [A], and of named `values`; errors mention `name`."""
 
     name: str
     function: ForceFunction
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The numbers among the function's keyword-only arguments."""
+        return declared_parameters(self.function, self.values)
+
+    def with_values(self, values: Mapping[str, float]) -> FunctionSimulation:
+        """Return the function with other values; those of whole numbers are passed as such."""
+        whole = {p.name for p in self.parameters if p.whole}
+        return replace(self, values={**self.values, **{n: int(v) if n in whole else v for n, v in values.items()}})
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample; raises CesError if the function or its values are invalid."""
         samples = usable_samples(recording, 1e6)
         time = (samples.stamps_ns - recording.channel("position").stamps_ns[0]) * 1e-9
         try:
-            force = np.asarray(self.function(time, samples.position, samples.current), dtype=np.float64)
+            force = self.function(time, samples.position, samples.current, **self.values)
+            force = np.asarray(force, dtype=np.float64)
         except CesError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             called = "; it gets (time_s, position_m, current_A)" if isinstance(error, TypeError) else ""
             raise CesError(f"{self.name}: raised {type(error).__name__}: {error}{called}") from error
         if force.shape != time.shape:
@@ -95,9 +117,10 @@ def function_simulation(spec: str) -> FunctionSimulation:
     module, _, name = spec.partition(":")
     try:
         function = getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
+    except (Exception, SystemExit) as error:  # whatever the user's file does when it is imported
+        what = str(error) if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
         raise CesError(
-            f"{spec}: cannot be imported ({error}); expected module:function, here or on PYTHONPATH"
+            f"{spec}: cannot be imported ({what}); expected module:function, here or on PYTHONPATH"
         ) from None
     if not callable(function):
         raise CesError(f"{spec}: is a {type(function).__name__}; expected function(time_s, position_m, current_A)")

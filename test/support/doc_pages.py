@@ -64,9 +64,10 @@ SIMULATOR = """\
 import numpy as np
 
 
-def force(time_s, position_m, current_A):
+def force(time_s, position_m, current_A, *, seal_N=5.0, knee_m_s=0.12):
     speed = np.gradient(position_m, time_s)
-    return np.sign(speed) * np.abs(speed) ** 0.5 * (400.0 + 1500.0 * current_A) + 100.0 * speed
+    opened = np.sign(speed) * np.abs(speed) ** 0.5 * (400.0 + 1500.0 * current_A) + 100.0 * speed
+    return opened + seal_N * np.tanh(speed / knee_m_s)
 """
 CAMPAIGN = """\
 bags: {all: [recordings/a, recordings/b]}

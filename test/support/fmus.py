@@ -97,9 +97,16 @@ def packed(path, files):
     return path
 
 
-def algebraic_fmu(folder, variable="true"):
-    """Write algebraic.fmu: position in mm, speed, a current without a unit; force in kN; no interpolation."""
-    (folder / "algebraic.c").write_text(ALGEBRAIC)
+def algebraic_fmu(folder, variable="true", changes=None):
+    """Write algebraic.fmu: position in mm, speed, a current without a unit; force in kN; no interpolation.
+
+    `changes` are of texts of its source.
+    """
+    source = ALGEBRAIC
+    for old, new in (changes or {}).items():
+        assert old in source
+        source = source.replace(old, new)
+    (folder / "algebraic.c").write_text(source)
     subprocess.run(["cc", "-fPIC", "-shared", "-w", "-o", "algebraic.so", "algebraic.c"], cwd=folder, check=True)
     library = (folder / "algebraic.so").read_bytes()
     xml = ALGEBRAIC_XML.replace("VARIABLE", variable)

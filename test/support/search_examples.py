@@ -14,7 +14,7 @@ from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.fit import Refinement
+from ces_gap.inference.refinement import Refinement
 from ces_gap.inference.search import EffectSearchResult, search
 from ces_gap.trace import Trace, TraceInputs
 

@@ -19,7 +19,6 @@ from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.findings import bound_notes
 from ces_gap.inference.fit import (
     EffectFit,
-    Refinement,
     bounds,
     count_stuck_parameters,
     estimate_parameters,
@@ -27,6 +26,7 @@ from ces_gap.inference.fit import (
     fit_from,
     fit_together,
 )
+from ces_gap.inference.refinement import Refinement
 from ces_gap.trace import Trace, TraceInputs
 
 

@@ -16,7 +16,8 @@ from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.effects.library import library_effect
 from ces_gap.effects.simulation_errors import ForceMap
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.fit import EffectFit, Refinement, fit_alone, fit_together
+from ces_gap.inference.fit import EffectFit, fit_alone, fit_together
+from ces_gap.inference.refinement import Refinement
 from ces_gap.inference.search import (
     MAX_ALIKE_SHARE,
     NEGLIGIBLE_SHARE,

@@ -67,7 +67,7 @@ KEYS = {  # of ces-gap/1: other programs read them, whatever table writes them
     **dict.fromkeys(
         ["schema", "verdict", "sentence", "simulation", "no_gap_reason", "tolerance_N", "visible_from_N"], ""
     ),
-    **dict.fromkeys(["indistinguishable", "not_separable", "notes"], ""),
+    **dict.fromkeys(["explained_as_well", "indistinguishable", "not_separable", "notes"], ""),
     **dict.fromkeys(("where", "rest"), REGION),
     "gap": "rms_N ci95_N noise_floor_N noise_in_band_N cost_J corrected_N corrected_ci95_N noise_source",
     "max_region": "region p_value",

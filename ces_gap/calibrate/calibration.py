@@ -1,0 +1,255 @@
+"""The named parameters of a simulation fitted to recordings: values with intervals, the gap, and what is missing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ces_data.arrays import F
+from ces_data.recording import Recording
+from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
+from ces_gap.calibrate.choice import Choice, Hypothesis, choose
+from ces_gap.calibrate.fitting import ParameterFit, fit_parameters, fit_smoothed, open_logged, time_equal_calls
+from ces_gap.calibrate.free import FreeParameters, choose_free
+from ces_gap.calibrate.parameters import find_groups
+from ces_gap.effects.effect import Effect, Setting
+from ces_gap.effects.library import library
+from ces_gap.errors import GapError
+from ces_gap.grid import rms
+from ces_gap.inference.fit import NEAR_BOUND, Z95, EffectFit, Estimate, estimate_parameters
+from ces_gap.inference.held_out import HeldOutSeries
+from ces_gap.inputs.prepare import set_aside
+from ces_gap.progress import Progress, ignore_progress
+from ces_gap.trace import Trace, noise_floor_N, usable_values
+from ces_identify.simulations.simulation import Simulation
+
+SLOW_S = 0.2  # [s] of a run over all recordings: with a slower simulation, effects that run it again are not tried
+RUNS = 50  # for each parameter and one more, measured: about as often a fit with the choice runs the simulation
+MIN_TOLD_S = 30.0  # [s] of work that is told before it begins
+DOUBTFUL = 3.0  # times its default or a third of it: beyond, a value is a doubt
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """A parameter's value with its 95 % interval beside its default, which it keeps if it is not `determined`.
+
+    It `matters` if it is a part of the best explanation of the gap.
+    """
+
+    name: str
+    value: float
+    ci95: tuple[float, float]
+    default: float
+    determined: bool = True
+    at_bound: bool = False
+    unit: str = ""
+    matters: bool = False
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether it is at its bound, or far from its default."""
+        ratio = self.value / self.default if self.default else 1.0
+        return self.determined and (self.at_bound or not 1.0 / DOUBTFUL <= ratio <= DOUBTFUL)
+
+
+@dataclass(frozen=True)
+class MissingEffect:
+    """The effect that explains most beside the parameters, its estimates, and the gap [N] left with both."""
+
+    setting: Setting
+    estimates: tuple[Estimate, ...]
+    gap_after_N: float
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """What would explain the gap as well: other values of some parameters, an effect, or both."""
+
+    parameters: tuple[FittedParameter, ...]
+    effect: Setting | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the parameters and of the effect."""
+        return (*(p.name for p in self.parameters), *([] if self.effect is None else [self.effect.name]))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a fit of parameters found; gaps [N] are on held-out recordings, with the noise subtracted.
+
+    `simulation` has the fitted values; `moves_with` are groups of parameters whose changes look alike.
+    """
+
+    spec: str
+    simulation: Simulation
+    parameters: tuple[FittedParameter, ...]
+    moves_with: tuple[tuple[str, ...], ...]
+    before_N: float
+    after_N: float
+    noise_N: float
+    missing: MissingEffect | None = None
+    alternatives: tuple[Alternative, ...] = ()
+    notes: tuple[str, ...] = ()
+    held_out: tuple[HeldOutSeries, ...] = ()  # with the force before and after
+
+
+def calibrate(
+    simulation: Simulation,
+    spec: str,
+    real: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    fit: Sequence[str] = (),
+    progress: Progress = ignore_progress,
+) -> Calibration:
+    """Return the fitted parameters of `simulation`, named `spec`; `fit` names some of them (NAME or NAME=LOW..HIGH).
+
+    Without `held_out` a part of `real` is set aside. Raises CesError if nothing can be fitted.
+    """
+    free = choose_free(simulation, fit, spec)
+    if not free.numbers and not free.whole:
+        why = (
+            "; ".join(free.notes) or "a function declares them by keyword-only arguments with defaults (*, seal_N=25.0)"
+        )
+        raise GapError(f"{spec}: no parameter to fit: {why}")
+    progress("simulating", 0.0)
+    fitted = open_logged(simulation, real)
+    seconds = time_equal_calls(simulation, real, fitted, spec)
+    held = open_logged(simulation, held_out)
+    if not held:
+        fitted, held = set_aside(fitted)
+    told = tell_time(len(free.trials) * RUNS * (len(free.numbers) + 1), seconds)
+    results = []
+    for k, whole in enumerate(free.trials):
+        progress(f"fitting{told}", k / len(free.trials))
+        results.append(fit_parameters(simulation, free, fitted, whole))
+    best = min(results, key=lambda result: result.cost)
+    effects = [e for e in library() if not e.edits and not (e.reruns and seconds > SLOW_S)]
+    return _assemble(spec, free, best, choose(best, effects, progress), held)
+
+
+@dataclass(frozen=True)
+class FreedParameters:
+    """What parameters explain of a gap: those that are `freed`, the effect beside them, and what does as well.
+
+    `simulation` has their values, `setting` holds them for a composition (None if none is freed).
+    """
+
+    simulation: Simulation
+    freed: tuple[FittedParameter, ...] = ()
+    setting: Setting | None = None
+    effect: str = ""
+    alternatives: tuple[Alternative, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def free_parameters(
+    simulation: Simulation,
+    spec: str,
+    real: Sequence[Recording],
+    has_held_out: bool,
+    effects: Sequence[Effect],
+    twin: TraceSimulator | None,
+    fit: Sequence[str] = (),
+    progress: Progress = ignore_progress,
+) -> FreedParameters:
+    """Return what the parameters of `simulation` explain of its gap to `real`, beside the effects and instead of them.
+
+    Without held-out recordings a part of `real` is not used. Whole numbers keep their values.
+    """
+    free = choose_free(simulation, fit, spec)
+    if not free.numbers:
+        return FreedParameters(simulation, notes=free.notes)
+    progress("fitting the simulation's parameters", 0.0)
+    traces = open_logged(simulation, real)
+    seconds = time_equal_calls(simulation, real, traces, spec)
+    progress(f"fitting the simulation's parameters{tell_time(RUNS * (len(free.numbers) + 1), seconds)}", 0.0)
+    found = fit_parameters(simulation, free, traces if has_held_out else set_aside(traces)[0], {}, twin)
+    tried = [e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > SLOW_S)]
+    choice = choose(found, tried, progress)
+    best, freed = choice.best, tuple(estimate(found, choice.best))
+    alternatives = tuple(Alternative(tuple(estimate(found, h)), _setting_of(h)) for h in choice.alternatives)
+    setting = best.fit.composition.settings[0] if best.fit is not None and freed else None
+    changed, effect = simulation.with_values({p.name: p.value for p in freed}), best.effect.name if best.effect else ""
+    return FreedParameters(changed, freed, setting, effect, alternatives, free.notes)
+
+
+def tell_time(runs: int, seconds: float) -> str:
+    """Return how long `runs` of the simulation take, `seconds` each; empty if that is not worth a word."""
+    if runs * seconds < MIN_TOLD_S:
+        return ""
+    return f": about {runs} runs of {seconds:.2g} s, {runs * seconds / 60.0:.0f} min"
+
+
+def _assemble(
+    spec: str, free: FreeParameters, best: ParameterFit, choice: Choice, held: Sequence[Trace]
+) -> Calibration:
+    """Return the result; under a missing effect, the parameters are those of the joint fit."""
+    fit, simulation = choice.whole, best.effect.simulation
+    parameters = (*_list_whole(best), *_list_numbers(best, choice))
+    calibrated = simulation.with_values({p.name: p.value for p in parameters})
+    noise_N, forces = noise_floor_N(held), [DirectSimulator(calibrated).force(t, t.inputs) for t in held]
+    before_N, after_N = (_gap_N(held, modelled, noise_N) for modelled in ([t.simulated for t in held], forces))
+    count = len(best.determined)
+    covariance = np.zeros((0, 0)) if fit is None else fit.covariance[:count, :count]
+    groups = find_groups(best.jacobian, covariance, best.determined, [p.name for p in best.effect.free])
+    joint = None if fit is None or choice.best.effect is None else fit
+    missing = None if joint is None else _describe_missing(joint, simulation, held, noise_N)
+    alternatives = tuple(Alternative(tuple(estimate(best, h)), _setting_of(h)) for h in choice.alternatives)
+    series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
+    facts = parameters, tuple(groups), before_N, after_N, noise_N, missing, alternatives, free.notes, series
+    return Calibration(spec, calibrated, *facts)
+
+
+def _setting_of(h: Hypothesis) -> Setting | None:
+    return None if h.fit is None or h.effect is None else h.fit.composition.settings[-1]
+
+
+def _list_whole(best: ParameterFit) -> list[FittedParameter]:
+    """Return the whole numbers at the values that fit best."""
+    defaults = best.whole_defaults
+    return [FittedParameter(n, v, (v, v), defaults[n], matters=v != defaults[n]) for n, v in best.whole.items()]
+
+
+def _list_numbers(best: ParameterFit, choice: Choice) -> list[FittedParameter]:
+    """Return the fitted parameters with their intervals, and those that keep their defaults."""
+    whole = Hypothesis(best.determined, choice.best.effect, choice.whole, 0.0)
+    freed = {best.effect.free[k].name for k in choice.best.places}
+    rows = {p.name: replace(p, matters=p.name in freed) for p in estimate(best, whole)}
+    unknown, units = (-math.inf, math.inf), best.units
+    return [
+        rows.get(p.name) or FittedParameter(p.name, p.starts[0], unknown, p.starts[0], False, unit=units[p.name])
+        for p in best.effect.free
+    ]
+
+
+def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
+    """Return the parameters of a hypothesis; each interval is widened by what smoothing the position changes."""
+    if h.fit is None or not h.places:
+        return []
+    count, units = len(h.places), found.units
+    bias = 0.5 * np.abs(fit_smoothed(found, h.fit) - h.fit.searched)[:count]
+    errors = Z95 * np.sqrt(np.maximum(np.diag(h.fit.covariance)[:count], 0.0)) + bias
+    fitted = []
+    for k, u, error in zip(h.places, h.fit.searched.tolist(), errors.tolist(), strict=False):
+        p = found.effect.free[k]
+        (low, high), (first, last) = p.search_bounds(), sorted(map(p.to_value, (u - error, u + error)))
+        near = NEAR_BOUND * (high - low)
+        stuck = u - low < near or high - u < near
+        fitted.append(FittedParameter(p.name, p.to_value(u), (first, last), p.starts[0], True, stuck, units[p.name]))
+    return fitted
+
+
+def _describe_missing(joint: EffectFit, simulation: Simulation, held: Sequence[Trace], noise_N: float) -> MissingEffect:
+    plant, composition = Plant(DirectSimulator(simulation)), joint.composition
+    forces, setting = [plant.with_effects(composition, t) for t in held], composition.settings[-1]
+    return MissingEffect(setting, estimate_parameters(joint)[-1], _gap_N(held, forces, noise_N))
+
+
+def _gap_N(traces: Sequence[Trace], forces: Sequence[F], noise_N: float) -> float:
+    """Return the RMS [N] of measured minus modelled force without the noise."""
+    error = usable_values(traces, [t.force - f for t, f in zip(traces, forces, strict=True)])
+    return math.sqrt(max(rms(error) ** 2 - noise_N**2, 0.0))

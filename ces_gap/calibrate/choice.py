@@ -1,0 +1,224 @@
+"""Which explanation of a gap: parameters of the simulation, a missing effect, or both; and those that do as well.
+
+All parameters are freed at once, alone and beside each promising effect. What is needed is then chosen on the tangents
+there, and refitted: every further parameter, of the simulation or of an effect, must explain its share of the gap's
+energy on units left out, and what leaves about as little with fewer is an alternative. Bayesian criteria name too much:
+no law is exactly true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from ces_data.arrays import F
+from ces_gap.calibrate.fitting import ParameterFit
+from ces_gap.calibrate.parameters import MIN_PIVOT, size_of
+from ces_gap.effects.effect import Effect
+from ces_gap.inference.fit import EffectFit, fit_from, fit_promising, fit_to_the_end, linearise
+from ces_gap.inference.search import NEGLIGIBLE_SHARE, PARAMETER
+from ces_gap.progress import Progress, ignore_progress
+
+VISIBLE = 2.0  # deviations of the noise: a gap up to this is none (without this gate clean simulations are blamed)
+MAX_REST = 0.5  # of a rest that is a visible gap by itself: what explains more of it is found beside the parameters
+CANDIDATES = 3  # effects that are tried beside the parameters: of the best without and of the best beside them
+SAME_SHARE = 2e-4  # of the gap's energy: an effect that leaves as little as parameters to this is what they are
+MAX_FREED = 4  # parameters that are freed together, unless all are
+MAX_REFITS = 8  # hypotheses that are refitted, best first
+REFIT_SHARE = 0.1  # of the gap's energy by which one that is refitted may leave more on the tangents than the best
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """The parameters of the simulation at `places` and at most one effect as the explanation of a gap.
+
+    `left` is the whitened energy on the units left out; `fit` is None if nothing is freed.
+    """
+
+    places: tuple[int, ...]
+    effect: Effect | None
+    fit: EffectFit | None
+    left: float
+
+    @property
+    def members(self) -> frozenset[object]:
+        """What it consists of."""
+        return frozenset((*self.places, *([] if self.effect is None else [self.effect.name])))
+
+    def cost(self, energy: float) -> float:
+        """Return the energy left and the price of each parameter in a gap of this energy."""
+        return self.left + PARAMETER * energy * (0 if self.fit is None else len(self.fit.searched))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The best hypothesis, those that do as well, and the fit of all parameters beside the best one's effect."""
+
+    best: Hypothesis
+    alternatives: tuple[Hypothesis, ...]
+    whole: EffectFit | None
+
+
+def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = ignore_progress) -> Choice:
+    """Return the choice among the parameters that were `found` and the effects."""
+    residual, energy = found.default_residual, found.gap_energy
+    nothing = Hypothesis((), None, None, float(residual @ residual))
+    if energy <= VISIBLE**2 * len(residual):
+        return Choice(nothing, (), found.fit)
+    alone = fit_promising(found.evidence, effects, CANDIDATES, progress)
+    joints = _fit_beside(found, alone, fit_promising(found.beside(), effects, CANDIDATES, progress))
+    tangents, simple = [_Tangent.at(found, j) for j in joints], [nothing, *(_hypothesis(found, (), f) for f in alone)]
+    best, *others = _refit_best(found, tangents, simple, energy, progress)
+    rest = best.left - len(residual)
+    if rest > VISIBLE**2 * len(residual):  # a gap is left that is small beside the first one
+        again, *ties = _refit_best(found, tangents, simple, rest, progress)
+        if again.left - len(residual) < MAX_REST * rest:
+            best, others, energy = again, ties, rest
+    best, *others = _choose_minimal([_finish(found, h) for h in (best, *others)], energy, len(residual))
+    whole = next((j for j in joints if _effect_of(found, j) == best.effect), found.fit)
+    return Choice(best, tuple(others), whole and fit_to_the_end(found.evidence, whole.effects, whole.searched))
+
+
+def _refit_best(
+    found: ParameterFit,
+    tangents: Sequence[_Tangent],
+    simple: Sequence[Hypothesis],
+    energy: float,
+    progress: Progress = ignore_progress,
+) -> list[Hypothesis]:
+    """Return the best hypothesis and its alternatives; a parameter costs its share of a gap of this energy."""
+    drafts = _without_needless([d for tangent in tangents for d in tangent.drafts(PARAMETER * energy)])
+    close = [d for d in drafts if d.cost < drafts[0].cost + REFIT_SHARE * energy][:MAX_REFITS]
+    refitted = []
+    for k, draft in enumerate(close):
+        progress("refitting explanations", k / len(close))
+        refitted.append(_hypothesis(found, draft.places, fit_from(found.evidence, draft.effects(found), draft.start)))
+    return _choose_minimal([*simple, *refitted], energy, len(found.default_residual))
+
+
+def _hypothesis(found: ParameterFit, places: tuple[int, ...], fit: EffectFit) -> Hypothesis:
+    return Hypothesis(places, _effect_of(found, fit), fit, fit.cost)
+
+
+def _finish(found: ParameterFit, h: Hypothesis) -> Hypothesis:
+    """Return the hypothesis with its fit continued to the end."""
+    if h.fit is None:
+        return h
+    return _hypothesis(found, h.places, fit_to_the_end(found.evidence, h.fit.effects, h.fit.searched))
+
+
+def _effect_of(found: ParameterFit, fit: EffectFit) -> Effect | None:
+    """Return the effect of a fit, None if it has parameters of the simulation alone."""
+    return None if fit.effects[-1].name == found.effect.name else fit.effects[-1]
+
+
+def _fit_beside(found: ParameterFit, alone: Sequence[EffectFit], beside: Sequence[EffectFit]) -> list[EffectFit]:
+    """Return the fits of all parameters without an effect, and with each of those that promise most."""
+    if found.fit is None:
+        return list(alone)
+    start = found.start[list(found.determined)]
+    starts = {(f.names, f.effects[0].form): np.concatenate([start, f.searched]) for f in alone}
+    starts |= {(f.names, f.effects[0].form): np.concatenate([found.fit.searched, f.searched]) for f in beside}
+    effects = {(f.names, f.effects[0].form): f.effects[0] for f in (*alone, *beside)}
+    return [found.fit, *(fit_from(found.evidence, found.beside_effect(effects[k]), at) for k, at in starts.items())]
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """A hypothesis on the tangents: its cost with prices, and the searched values from which it is refitted."""
+
+    places: tuple[int, ...]
+    effect: Effect | None
+    cost: float
+    start: F
+
+    def effects(self, found: ParameterFit) -> tuple[Effect, ...]:
+        return found.beside_effect(self.effect, self.places)
+
+    @property
+    def members(self) -> frozenset[object]:
+        return frozenset((*self.places, *([] if self.effect is None else [self.effect.name])))
+
+
+@dataclass(frozen=True)
+class _Tangent:
+    """The energy left around a fit as a quadratic function of all parameters and those of its effect."""
+
+    found: ParameterFit
+    effect: Effect | None
+    searched: F  # (p + q,)
+    energy: float
+    gram: F
+    slope: F
+
+    @classmethod
+    def at(cls, found: ParameterFit, joint: EffectFit) -> _Tangent:
+        effect, count = _effect_of(found, joint), len(found.determined) if found.fit is not None else 0
+        at = found.start
+        at[list(found.determined)] = joint.searched[:count]
+        searched = np.concatenate([at, joint.searched[count:]])
+        every = range(len(found.effect.free))
+        residual, jacobian = linearise(found.evidence, found.beside_effect(effect, every), searched)
+        return cls(found, effect, searched, float(residual @ residual), jacobian.T @ jacobian, jacobian.T @ residual)
+
+    def drafts(self, price: float) -> list[_Draft]:
+        """Return every hypothesis of this effect and a few parameters, or all, that the data determine together."""
+        count = len(self.found.effect.free)
+        few = [p for size in range(min(MAX_FREED, count) + 1) for p in combinations(range(count), size)]
+        found = [self._draft(places, price) for places in dict.fromkeys((*few, self.found.determined))]
+        return [draft for draft in found if draft is not None]
+
+    def _draft(self, places: tuple[int, ...], price: float) -> _Draft | None:
+        """Return the hypothesis with the other parameters at their defaults; None if it is not determined."""
+        count = len(self.found.effect.free)
+        free = [*places, *range(count, len(self.searched))]
+        held = [k for k in range(count) if k not in places]
+        if not free:
+            return None
+        back = self.found.start[held] - self.searched[held]
+        block, right = self.gram[np.ix_(free, free)], self.slope[free] - self.gram[np.ix_(free, held)] @ back
+        size = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
+        sizes = np.array([size_of(self.found.effect.free[k]) for k in places])
+        if (MIN_PIVOT * np.sqrt(np.diag(inverse)[: len(places)]) > sizes).any():
+            return None
+        moved = inverse @ right
+        returned = float(back @ self.gram[np.ix_(held, held)] @ back - 2.0 * self.slope[held] @ back)
+        cost = self.energy + returned - float(right @ moved) + price * len(free)
+        return _Draft(places, self.effect, cost, self.searched[free] + moved)
+
+
+def _without_needless(drafts: Sequence[_Draft]) -> list[_Draft]:
+    """Return the drafts, best first, without those that a part of them explains as well."""
+    kept: list[_Draft] = []
+    for draft in sorted(drafts, key=lambda d: d.cost):
+        if not any(other.members <= draft.members for other in kept):
+            kept.append(draft)
+    return kept
+
+
+def _choose_minimal(hypotheses: Sequence[Hypothesis], energy: float, noise: float) -> list[Hypothesis]:
+    """Return the best hypothesis and those that do about as well; none of which another is a part.
+
+    As well does what leaves as little, to a share of the gap's energy and to that of the `noise`, with no more causes,
+    however many numbers an effect has. An effect that does the same as a parameter, such as a gas spring beside a gas
+    rate, is that parameter.
+    """
+    ranked = sorted(hypotheses, key=lambda h: h.cost(energy))
+    best, margin = ranked[0], min(NEGLIGIBLE_SHARE * energy, noise)
+    close = [
+        h
+        for h in ranked
+        if h.cost(energy) <= best.cost(energy) + margin
+        or (h.left <= best.left + margin and len(h.members) <= len(best.members))
+    ]
+    minimal = [h for h in close if not any(other.members < h.members for other in close)]
+    without = [h.left for h in minimal if h.effect is None]
+    minimal = [h for h in minimal if h.effect is None or all(abs(h.left - o) > SAME_SHARE * energy for o in without)]
+    seen: dict[frozenset[object], Hypothesis] = {}
+    for h in minimal:
+        seen.setdefault(h.members, h)
+    return list(seen.values())

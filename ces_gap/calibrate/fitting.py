@@ -1,0 +1,166 @@
+"""The fit of named parameters to traces on the logged position, and the evidence for effects beside them.
+
+The low-pass that a diagnosis puts on the position would bias what depends on the speed. The estimate on the smoothed
+position shows by how much; half of the difference is a part of the interval.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ces_data.arrays import F
+from ces_data.recording import Recording
+from ces_gap.baseline.learner import make_white_noise
+from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
+from ces_gap.calibrate.free import FreeParameters
+from ces_gap.calibrate.parameters import SimulationParameters, find_determined, signatures, values_of, with_steps
+from ces_gap.effects.effect import Effect
+from ces_gap.errors import GapError
+from ces_gap.grid import rms
+from ces_gap.inference.evidence import MIN_NOISE_N, NUMERICAL_ERROR, Evidence, gather
+from ces_gap.inference.fit import EffectFit, fit_to_the_end
+from ces_gap.inference.search import MIN_GAP_ENERGY
+from ces_gap.inputs.checks import exclude_saturated_ticks
+from ces_gap.trace import Trace, make_trace, noise_floor_N, require_usable, smooth_recording, usable_values
+from ces_identify.simulations.simulation import Simulation
+
+SAME = 1e-9  # of the force: by as much two equal calls may differ
+BIG = 1e3  # deviations by which the force may be off in a direction that the parameters fill
+
+
+def open_logged(simulation: Simulation, recordings: Sequence[Recording]) -> list[Trace]:
+    """Return the traces of recordings, on which the simulation runs on the logged position."""
+    traces = [exclude_saturated_ticks(make_trace(r, simulation.force(r))) for r in recordings]
+    for trace in traces:
+        require_usable(trace)
+    return traces
+
+
+def time_equal_calls(simulation: Simulation, real: Sequence[Recording], traces: Sequence[Trace], spec: str) -> float:
+    """Return the seconds of a run over all recordings; raises GapError if it differs from the run before."""
+    begun = time.monotonic()
+    again = [make_trace(r, simulation.force(r), t.measured_noise) for r, t in zip(real, traces, strict=True)]
+    seconds = time.monotonic() - begun
+    for one, two in zip(traces, again, strict=True):
+        difference = rms((one.simulated - two.simulated)[one.usable])
+        if difference > SAME * rms(one.simulated[one.usable]):
+            raise GapError(
+                f"{spec}: two equal calls on {one.name} differ by {difference:.2g} N RMS, so it keeps a state or draws "
+                "random numbers; expected a function of its arguments alone: begin each call anew"
+            )
+    return seconds
+
+
+@dataclass(frozen=True)
+class ParameterFit:
+    """Parameters fitted to evidence on the logged position, with the whole numbers that were set."""
+
+    evidence: Evidence
+    effect: SimulationParameters  # of all that are free
+    whole: Mapping[str, float]
+    whole_defaults: Mapping[str, float]
+    fit: EffectFit | None  # of those that are determined; None if there are none
+    searched: F  # (p,) of all at the end
+    jacobian: F  # (r, p) of all at the end
+    determined: tuple[int, ...]
+    twin: TraceSimulator | None = None
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """The unit of each parameter, empty where its name ends with it."""
+        return {p.name: p.unit for p in self.effect.simulation.parameters}
+
+    @property
+    def start(self) -> F:
+        """The defaults (p,) of all on their search scales."""
+        return np.array([p.to_search(p.starts[0]) for p in self.effect.free])
+
+    def beside_effect(self, effect: Effect | None, places: Sequence[int] | None = None) -> tuple[Effect, ...]:
+        """Return the parameters at some places, by default those that are determined, and the effect beside them."""
+        places = self.determined if places is None else places
+        inside = effect is not None and effect.edits
+        own = (replace(self.effect.hold_others(places), beside_inside=inside),) if len(places) else ()
+        return own if effect is None else (*own, effect)
+
+    @property
+    def default_residual(self) -> F:
+        """The whitened residual (r,) at the defaults."""
+        return self.evidence.residual(self.evidence.alone)
+
+    @property
+    def gap_energy(self) -> float:
+        """Whitened energy of the gap at the defaults, above the noise's."""
+        residual = self.default_residual
+        return max(float(residual @ residual) - len(residual), MIN_GAP_ENERGY * len(residual))
+
+    @property
+    def cost(self) -> float:
+        """Whitened sum of squares, cross-fitted."""
+        return float(self.default_residual @ self.default_residual) if self.fit is None else self.fit.cost
+
+    def beside(self) -> Evidence:
+        """Return the evidence of the fitted simulation, without the directions that the parameters fill."""
+        if self.fit is None:
+            return self.evidence
+        values = values_of(self.effect.hold_others(self.determined), self.fit.searched)
+        fitted = self.effect.simulation.with_values(values)
+        traces = [replace(t, simulated=DirectSimulator(fitted).force(t, t.inputs)) for t in self.evidence.traces]
+        features = signatures(self.effect.hold_others(self.determined), self.fit.searched, traces)
+        size = np.linalg.norm(np.concatenate(features), axis=0) / self.evidence.noise.rms_N
+        covariance = np.diag((BIG / np.maximum(size, 1e-300)) ** 2)
+        plant = Plant(DirectSimulator(fitted), twin=self.twin)
+        return gather(traces, plant, self.evidence.noise, features, covariance)
+
+
+def white_noise_N(traces: Sequence[Trace]) -> float:
+    """Return the noise [N] of the force, at least the numerical error of simulations."""
+    numerical_N = NUMERICAL_ERROR * rms(usable_values(traces, [t.force for t in traces]))
+    return max(noise_floor_N(traces), numerical_N, MIN_NOISE_N)
+
+
+def fit_parameters(
+    simulation: Simulation,
+    free: FreeParameters,
+    traces: Sequence[Trace],
+    whole: Mapping[str, float],
+    twin: TraceSimulator | None = None,
+) -> ParameterFit:
+    """Return the fit of all numbers that the traces determine, judged at the defaults and again at the end.
+
+    `whole` numbers are set first. Effects inside the damper will be put into its `twin`.
+    """
+    whole_defaults = {p.name: p.default for p in simulation.parameters if p.name in whole}
+    if whole:
+        simulation = simulation.with_values(whole)
+        traces = [replace(t, simulated=DirectSimulator(simulation).force(t, t.inputs)) for t in traces]
+    noise = make_white_noise(white_noise_N(traces))
+    evidence = gather(traces, Plant(DirectSimulator(simulation), twin=twin), noise)
+    effect = with_steps(SimulationParameters(simulation, free.numbers), traces, evidence.noise.rms_N)
+    at = np.array([p.to_search(p.starts[0]) for p in effect.free])
+    jacobian = evidence.whiten(signatures(effect, at, evidence.traces))
+    fit, determined = None, tuple[int, ...]()
+    for _ in range(2):
+        found = tuple(find_determined(jacobian, effect.free))
+        if found == determined:
+            break
+        determined = found
+        start, held = at[list(determined)], effect.hold_others(determined)
+        fit = fit_to_the_end(evidence, (held,), start) if determined else None
+        at = np.array([p.to_search(p.starts[0]) for p in effect.free])
+        at[list(determined)] = fit.searched if fit else []
+        jacobian = evidence.whiten(signatures(effect, at, evidence.traces))
+    return ParameterFit(evidence, effect, whole, whole_defaults, fit, at, jacobian, determined, twin)
+
+
+def fit_smoothed(found: ParameterFit, fit: EffectFit) -> F:
+    """Return the searched values (q,) of a fit on the smoothed position."""
+    simulation, smooth = found.effect.simulation, []
+    for t in found.evidence.traces:
+        recording = smooth_recording(t.recording, t)
+        smooth.append(replace(make_trace(recording, simulation.force(recording), t.measured_noise), usable=t.usable))
+    evidence = gather(smooth, Plant(DirectSimulator(simulation), twin=found.twin), found.evidence.noise)
+    return fit_to_the_end(evidence, fit.effects, fit.searched).searched

@@ -1,0 +1,150 @@
+"""The parameters of a simulation as one effect: force + f(θ) - f(default) at the driven inputs.
+
+So they are fitted, cross-validated and combined with missing effects by the same functions as those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from ces_data.arrays import F
+from ces_gap.baseline.plant import DirectSimulator
+from ces_gap.effects.effect import SIMULATION, Composition, Effect, EffectParameter
+from ces_gap.grid import rms
+from ces_gap.trace import Trace, TraceInputs, usable_values
+from ces_identify.simulations.simulation import Simulation
+from ces_observer.errors import CesError
+
+NAME = "parameters"
+FIRST_STEP, MIN_STEP, MAX_STEP = 0.02, 1e-4, 0.25  # of a parameter's size, by which it is changed for a derivative
+MIN_PIVOT = 3.0  # deviations of the noise by which a change of a parameter's own size moves the force, others refitted
+SHARE = 0.2  # of a parameter's signature that another one makes up, from which the two move together
+MOVES_TOGETHER = 0.95  # correlation of two estimates
+
+
+@dataclass(frozen=True)
+class SimulationParameters(Effect):
+    """Some parameters of a simulation; those that are not `free` keep their defaults."""
+
+    simulation: Simulation
+    free: tuple[EffectParameter, ...]
+    beside_inside: bool = False  # whether an effect inside the damper, in its twin, may be beside it
+
+    name, form, stage = NAME, "values", SIMULATION
+    summary = "numbers of the simulation are off"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:  # type: ignore[override]
+        """The free parameters, their defaults as starts."""
+        return self.free
+
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
+        """Return `force` [N] (n,) and what the values change of the simulation's; NaN where it does not run."""
+        changed = self.simulation.with_values(dict(zip([p.name for p in self.free], values, strict=True)))
+        try:
+            own = DirectSimulator(changed).force(trace, inputs)
+            if not self.beside_inside:  # then `force` is that of the defaults
+                return own
+            if inputs is trace.inputs:
+                return np.asarray(force + own - trace.simulated)
+            return np.asarray(force + own - DirectSimulator(self.simulation).force(trace, inputs))
+        except CesError:
+            return np.full(len(trace), np.nan)
+
+    def hold_others(self, places: Sequence[int]) -> SimulationParameters:
+        """Return the effect of the parameters at some places; the others keep their defaults."""
+        return replace(self, free=tuple(self.free[k] for k in places))
+
+
+def size_of(p: EffectParameter) -> float:
+    """Return the size of a parameter on its search scale: a factor of e, or its default, or half its range."""
+    if p.scale == "log":
+        return 1.0
+    return abs(p.starts[0]) or 0.5 * (p.high - p.low)
+
+
+def with_steps(effect: SimulationParameters, traces: Sequence[Trace], noise_N: float) -> SimulationParameters:
+    """Return the effect with a step for the derivative by each parameter that moves the force by about the noise."""
+    simulated = usable_values(traces, [t.simulated for t in traces])
+
+    def step(k: int) -> float:
+        searched = np.array([p.to_search(p.starts[0]) for p in effect.free])
+        p, size = effect.free[k], size_of(effect.free[k])
+        room = p.search_bounds()[1] - searched[k]
+        first = FIRST_STEP * size * (1.0 if room > FIRST_STEP * size else -1.0)
+        searched[k] += first
+        values = [q.to_value(u) for q, u in zip(effect.free, searched.tolist(), strict=True)]
+        moved = usable_values(traces, [effect.respond(t, t.inputs, t.simulated, values) for t in traces])
+        change = rms(moved - simulated)
+        wanted = FIRST_STEP * noise_N / change if change > 0.0 else MAX_STEP
+        return float(np.clip(wanted if np.isfinite(wanted) else FIRST_STEP, MIN_STEP, MAX_STEP)) * size
+
+    return replace(effect, free=tuple(replace(p, step=step(k)) for k, p in enumerate(effect.free)))
+
+
+def signatures(effect: SimulationParameters, at: F, traces: Sequence[Trace]) -> list[F]:
+    """Return the derivative of the force (n, p) [N] by each searched value, at values (p,), on each trace."""
+
+    def forces(searched: F) -> list[F]:
+        values = [p.to_value(u) for p, u in zip(effect.free, searched.tolist(), strict=True)]
+        return [effect.respond(t, t.inputs, t.simulated, values) for t in traces]
+
+    base, columns = forces(at), []
+    for k, p in enumerate(effect.free):
+        step = p.step if at[k] + p.step <= p.search_bounds()[1] else -p.step
+        moved = forces(at + step * (np.arange(len(at)) == k))
+        if not all(np.isfinite(force).all() for force in moved):  # the simulation fails there
+            step *= -1.0
+            moved = forces(at + step * (np.arange(len(at)) == k))
+        columns.append([np.nan_to_num((new - old) / step) for new, old in zip(moved, base, strict=True)])
+    return [np.column_stack(column) for column in zip(*columns, strict=True)] or [np.zeros((len(t), 0)) for t in traces]
+
+
+def find_determined(jacobian: F, parameters: Sequence[EffectParameter]) -> list[int]:
+    """Return which columns of a whitened Jacobian (r, p), on search scales, the data determine beside each other.
+
+    The pivots of a QR decomposition (Golub and Van Loan, section 5.4) say by how much a change of each parameter's
+    size moves the force where the others are refitted.
+    """
+    if not len(parameters):
+        return []
+    sized = jacobian * np.array([size_of(p) for p in parameters])
+    pivots, order = qr(sized, mode="r", pivoting=True)
+    clear = np.abs(np.diag(pivots)) > MIN_PIVOT
+    return sorted(order[: len(clear)][clear].tolist())
+
+
+def find_groups(jacobian: F, covariance: F, determined: Sequence[int], names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return which parameters move together: one not determined with those that make up for it, and correlated ones."""
+    groups = []
+    columns = jacobian[:, list(determined)]
+    for k in sorted({*range(len(names))} - {*determined}):
+        if not (size := float(np.linalg.norm(jacobian[:, k]))) or not len(determined):
+            continue
+        weights = np.linalg.lstsq(columns, jacobian[:, k], rcond=1e-9)[0] * np.linalg.norm(columns, axis=0)
+        near = [names[j] for j, w in zip(determined, weights.tolist(), strict=True) if abs(w) > SHARE * size]
+        groups += [(names[k], *near)] if near else []
+    return groups + _correlated(covariance, [names[k] for k in determined])
+
+
+def _correlated(covariance: F, names: Sequence[str]) -> list[tuple[str, ...]]:
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    close: NDArray[np.bool_] = np.abs(covariance / np.outer(size, size)) > MOVES_TOGETHER
+    pairs = zip(*np.nonzero(np.triu(close, 1)), strict=True)
+    return [(names[i], names[j]) for i, j in pairs]
+
+
+def values_of(effect: SimulationParameters, searched: F) -> dict[str, float]:
+    """Return the value of each free parameter from the search scale; `searched` may go on with those of an effect."""
+    return {p.name: p.to_value(u) for p, u in zip(effect.free, searched.tolist(), strict=False)}
+
+
+def parameter_values(composition: Composition) -> dict[str, float]:
+    """Return the values of the simulation's parameters in a composition."""
+    own = [s for s in composition.settings if s.name == NAME]
+    return {p.name: value for s in own for p, value in zip(s.effect.parameters, s.values, strict=True)}

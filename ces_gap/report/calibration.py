@@ -1,0 +1,232 @@
+"""The words, the table and the page of a calibration, and its file `calibrated.json`, again a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path, PurePath
+from typing import Any
+
+from ces_data.recording import Recording
+from ces_gap.augmented import MAX_BYTES, open_named
+from ces_gap.calibrate.calibration import Alternative, Calibration, FittedParameter
+from ces_gap.effects.effect import Setting
+from ces_gap.errors import GapError
+from ces_gap.inference.fit import Estimate
+from ces_gap.report.charts import find_largest_errors, speed_force, time_plot
+from ces_gap.report.formatting import effect_name, parameter_text, sentence_case
+from ces_gap.report.gap_json import (
+    FLAG,
+    INTERVAL,
+    NUMBER,
+    PARAMETERS,
+    POSITIVE,
+    TEXT,
+    WORD,
+    by_name,
+    format_document,
+    many,
+    or_null,
+    record,
+    to_plain_json,
+)
+from ces_identify.simulations.simulation import Simulation
+from ces_observer import __version__
+from ces_observer.errors import ModelError
+from ces_observer.fields import Schema
+from ces_observer.json_text import JsonObject, parse_json, read_bounded
+from ces_report.shell import page_template, replace_unencodable
+from ces_report.table import Column, Table
+from ces_report.typesetting import format_number, format_range, join_names, join_with
+
+SCHEMA = "ces-calibrated/1"
+FILE, REPORT = "calibrated.json", "report.html"
+
+
+def describe(c: Calibration) -> str:
+    """Return what was found, for a user: the values that matter, the gap, what is missing, and what is not known."""
+    changed = [p for p in c.parameters if p.matters]
+    parts = _describe_changes(c, changed), _describe_missing(c, changed), _describe_alternatives(c), _describe_doubts(c)
+    return " ".join(filter(None, parts))
+
+
+def _describe_changes(c: Calibration, changed: Sequence[FittedParameter]) -> str:
+    before, after = _newtons(c.before_N), _newtons(c.after_N)
+    if not changed:
+        return f"No parameter is off: the gap of {before} RMS hardly shrinks, to {after}, with any of them fitted."
+    both = {1: "it", 2: "both"}.get(len(changed), "them")
+    return (
+        f"{describe_values(changed)}. With {both} the gap shrinks from {before} to {after} RMS on held-out recordings."
+    )
+
+
+def describe_values(changed: Sequence[FittedParameter]) -> str:
+    """Return the values as `knee_m_s is 0.104, not 0.12 (0.102 to 0.106) and gas_N_m 2990, not 1500 (...)`."""
+    return join_with([f"{p.name} {'is ' * (k == 0)}{_value_of(p)}" for k, p in enumerate(changed)])
+
+
+def _value_of(p: FittedParameter) -> str:
+    value, default = f"{format_number(p.value)}", f"not {format_number(p.default)}"
+    return f"{value}, {default}" if p.ci95[0] == p.ci95[1] else f"{value}, {default} ({format_range(*p.ci95)})"
+
+
+def _describe_missing(c: Calibration, changed: Sequence[FittedParameter]) -> str:
+    if c.missing is None:
+        return ""
+    beside = "beside them" if len(changed) > 1 else "beside it" if changed else "in the simulation"
+    what = sentence_case(effect_name(c.missing.setting.name)) + _size_of(c.missing.setting)
+    return f"{what} is missing {beside}: with it {_newtons(c.missing.gap_after_N)} are left."
+
+
+def _describe_alternatives(c: Calibration) -> str:
+    """Return what would explain the gap as well in place of the best explanation."""
+    texts = [describe_alternative(one) for one in c.alternatives]
+    return f"As much would be explained by {'; or by '.join(texts)}." if texts else ""
+
+
+def describe_alternative(one: Alternative) -> str:
+    """Return other values of parameters, and an effect, as `seal_N of 43 instead of 25 and friction of 20 N`."""
+    values = [f"{p.name} of {format_number(p.value)} instead of {format_number(p.default)}" for p in one.parameters]
+    effects = [] if one.effect is None else [f"{effect_name(one.effect.name)}{_size_of(one.effect)}"]
+    return join_with([*values, *effects])
+
+
+def _size_of(setting: Setting) -> str:
+    """Return the magnitude of an effect as ` of 20 N`, empty if it has none."""
+    pairs = zip(setting.effect.parameters, setting.values, strict=True)
+    sizes = [parameter_text(Estimate(p.name, value, (value, value))) for p, value in pairs if p.magnitude]
+    return f" of {sizes[0][1]} {sizes[0][2]}".rstrip() if sizes else ""
+
+
+def _describe_doubts(c: Calibration) -> str:
+    """Return sentences about the parameters that are not determined, and those that are found where they cannot be."""
+    texts = []
+    for p in (p for p in c.parameters if not p.determined):
+        near = next((group[1:] for group in c.moves_with if group[0] == p.name), ())
+        why = f"it moves with {join_with(near)}" if near else "it hardly changes the force here"
+        texts.append(f"{p.name} cannot be determined: {why}; it is held at its default.")
+    for p in (p for p in c.parameters if p.is_doubtful and p.matters):
+        where = "at the bound of its range" if p.at_bound else "far from its default"
+        texts.append(f"{p.name} is found {where}: rather a sign that the simulation lacks something than a value.")
+    return " ".join(texts)
+
+
+def _newtons(value: float) -> str:
+    return f"{format_number(value)} N"
+
+
+def _remark(p: FittedParameter) -> str:
+    if not p.determined:
+        return "not determined, held at its default"
+    if p.at_bound:
+        return "at its bound"
+    return "far from its default" if p.is_doubtful else "" if p.matters else "hardly matters here"
+
+
+COLUMNS: tuple[Column[FittedParameter], ...] = (
+    Column("Parameter", lambda p: f"{p.name} [{p.unit}]" if p.unit else p.name),
+    Column("Default", lambda p: format_number(p.default), figure=True),
+    Column("Fitted", lambda p: format_number(p.value) if p.determined else "", figure=True),
+    Column("95\N{NO-BREAK SPACE}% interval", lambda p: format_range(*p.ci95) if p.determined else "", figure=True),
+    Column("Remark", _remark),
+)
+
+
+def parameter_table(c: Calibration) -> Table[FittedParameter]:
+    """Return the parameters, those that matter first."""
+    return Table(COLUMNS, sorted(c.parameters, key=lambda p: not p.matters), "parameters of the simulation")
+
+
+def calibration_page(c: Calibration, title: str, facts: Mapping[str, str]) -> str:
+    """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) are at its end."""
+    worst = find_largest_errors(c.held_out)
+    page = page_template("calibration.html.j2", __package__, ("gap.css",)).render(
+        title=title,
+        c=c,
+        sentence=describe(c),
+        table=parameter_table(c),
+        groups=[join_with(group) for group in c.moves_with],
+        plots=speed_force("sf", c.held_out, "the fitted parameters"),
+        time=time_plot("worst", worst, "the fitted parameters") if worst else None,
+        worst=worst.series.trace.name if worst else "",
+        facts={"Simulation": c.spec, **facts},
+    )
+    return replace_unencodable(page)
+
+
+FITTED = record(value=NUMBER, ci95=INTERVAL, default=NUMBER, determined=FLAG, at_bound=FLAG, matters=FLAG)
+SIMULATION = record(spec=WORD, sha256=or_null(TEXT))
+GAP = record(
+    before_N=(POSITIVE("on held-out recordings, the noise subtracted"), "before_N"),
+    after_N=(POSITIVE, "after_N"),
+    noise_floor_N=(POSITIVE, "noise_N"),
+)
+MISSING = record(
+    effect=(WORD, "setting.name"),
+    form=(TEXT, "setting.effect.form"),
+    parameters=(PARAMETERS, lambda missing: [(one.name, one) for one in missing.estimates]),
+    gap_after_N=POSITIVE,
+)
+CONTENT = record(
+    parameters=(by_name(FITTED), lambda c: [(p.name, p) for p in c.parameters]),
+    moves_with=many(many(WORD, 2))("parameters whose changes look alike on these recordings"),
+    gap=(GAP, lambda c: c),
+    alternatives=(
+        many(WORD)("what would explain the gap as well"),
+        lambda c: list(map(describe_alternative, c.alternatives)),
+    ),
+    missing=or_null(MISSING)("the effect that explains most beside the parameters; null if none is worthwhile"),
+    sentence=(TEXT, describe),
+    notes=many(TEXT),
+)
+
+
+def calibrated_schema() -> Schema:
+    """Return the JSON Schema of `calibrated.json`."""
+    head = {"schema": {"const": SCHEMA}, "simulation": SIMULATION.schema}
+    properties = {**head, **CONTENT.schema["properties"], "provenance": {"type": "object"}}
+    return {**CONTENT.schema, "properties": properties, "required": list(properties)}
+
+
+def calibration_content(c: Calibration) -> dict[str, Any]:
+    """Return what `calibrated.json` says beside the simulation and the provenance, its numbers as computed."""
+    content: dict[str, Any] = CONTENT.write(c)
+    return content
+
+
+def calibration_files(
+    c: Calibration,
+    sim: Mapping[str, str | None],
+    sources: Mapping[str, Sequence[Recording]],
+    facts: Mapping[str, str],
+) -> dict[str, str]:
+    """Return the texts of `calibrated.json` and `report.html`; `sim` comes from `name_simulation`."""
+    used = {role: [{"recording": r.name, "sha256": r.sha256} for r in found] for role, found in sources.items()}
+    provenance = {"tool": f"ces_observer {__version__}", **used}
+    document = {"schema": SCHEMA, "simulation": dict(sim), **calibration_content(c), "provenance": provenance}
+    real = join_names([r.name for found in sources.values() for r in found])
+    page = calibration_page(c, f"Parameters of {PurePath(c.spec).name} from {real}", facts)
+    return {FILE: format_document(to_plain_json(document, FILE)), REPORT: page}
+
+
+def is_calibrated(path: Path) -> bool:
+    """Return whether the file is JSON of a calibrated simulation."""
+    try:
+        document = parse_json(read_bounded(path, MAX_BYTES), str(path))
+    except (OSError, ModelError):
+        return False
+    return isinstance(document, Mapping) and str(document.get("schema", "")).startswith("ces-calibrated/")
+
+
+def load_calibrated(path: Path, open_simulation: Callable[[str], Simulation]) -> Simulation:
+    """Return the simulation that the file names, with its values; `open_simulation` opens it. Raises CesError."""
+    root = JsonObject(parse_json(read_bounded(path, MAX_BYTES), str(path)), str(path))
+    if root.text("schema") != SCHEMA:
+        raise GapError(f"{path}: schema is '{root.text('schema')}'; expected '{SCHEMA}'; run `ces calibrate` again")
+    simulation = open_named(path, root.at("simulation"), open_simulation, "calibrate")
+    fitted = root.at("parameters")
+    values = {name: fitted.at(name).number("value") for name in fitted.value}
+    if unknown := set(values) - {p.name for p in simulation.parameters}:
+        raise GapError(
+            f"{path}: {root.at('simulation').text('spec')} has no parameter {join_with(sorted(unknown))} now"
+        )
+    return simulation.with_values(values)

@@ -1,0 +1,110 @@
+"""A diagnosis in which parameters of the simulation were freed first: its verdict, causes and sentence with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ces_gap.calibrate.calibration import FreedParameters
+from ces_gap.calibrate.parameters import NAME
+from ces_gap.diagnosis import (
+    AMBIGUOUS,
+    NAMED,
+    NO_GAP,
+    UNKNOWN,
+    Diagnosis,
+    Estimate,
+    Explanation,
+    describe_rare,
+    describe_timing,
+    format_verdict,
+)
+from ces_gap.effects.effect import Composition, Setting
+from ces_gap.inference.judgement import ALTERNATIVES, UNCERTAIN
+from ces_gap.report.calibration import describe_alternative, describe_values
+from ces_report.typesetting import format_number, join_with
+
+WITHIN_NOISES = 2.0  # times the noise: a rest up to this beside parameters is none where no effect was found in it
+
+
+def with_parameters(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
+    """Return the diagnosis of the calibrated simulation as one of the original: its parameters are a cause, too."""
+    if chosen.setting is None:
+        d = replace(d, sentence=format_verdict(d) + describe_rare(d) + describe_timing(d))
+        return _with_alternatives(d, chosen) if d.verdict in (NAMED, AMBIGUOUS) else d
+    if not chosen.effect and d.gap.corrected_N <= WITHIN_NOISES * d.gap.noise_floor_N:
+        d = replace(d, verdict=NO_GAP)
+    parameters = _explain(d, chosen, chosen.setting)
+    sentence = f"{describe_values(chosen.freed)}. With {_count(chosen)} the gap shrinks from "
+    sentence += f"{_newtons(d.gap.rms_N)} to {_newtons(d.gap.corrected_N)} RMS on held-out recordings."
+    if d.verdict == NO_GAP:
+        d = replace(d, verdict=NAMED, no_gap_reason="", composition=parameters, sentence=sentence, alternatives=())
+        d = replace(d, by_region=(), next_experiment=None, probability_none=0.0)
+    else:
+        beyond = replace(d, gap=replace(d.gap, rms_N=d.gap.corrected_N, ci95_N=d.gap.corrected_ci95_N))
+        d = replace(d, sentence=f"{sentence} Beside {_count(chosen)}: {_lower(format_verdict(beyond))}")
+        d = replace(d, composition=_join(parameters, d.composition))
+    return _with_alternatives(_weigh(d, parameters), chosen)
+
+
+def _explain(d: Diagnosis, chosen: FreedParameters, setting: Setting) -> Explanation:
+    """Return the parameters as an explanation of the original gap."""
+    before_N, after_N = max(d.gap.rms_N, 1e-9), d.gap.corrected_N
+    low, high = (1.0 - end / before_N for end in d.gap.corrected_ci95_N[::-1])
+    found = tuple(Estimate(p.name, p.value, p.ci95, p.at_bound, default=p.default) for p in chosen.freed)
+    composition, shrink = Composition((setting,)), 1.0 - after_N / before_N
+    return Explanation((NAME,), (setting.effect.form,), composition, (found,), after_N, shrink, (low, high))
+
+
+def _join(parameters: Explanation, effects: Explanation) -> Explanation:
+    """Return the explanation by the parameters and effects beside them."""
+    return replace(
+        effects,
+        effects=(*parameters.effects, *effects.effects),
+        forms=(*parameters.forms, *effects.forms),
+        composition=Composition((*parameters.composition.settings, *effects.composition.settings)),
+        estimates=(*parameters.estimates, *effects.estimates),
+        without_N=(),
+    )
+
+
+def _weigh(d: Diagnosis, parameters: Explanation) -> Diagnosis:
+    """Return the diagnosis with the parameters as its first cause: as probable as that any cause is known.
+
+    Effects beside them keep half of their probability, which is that of the composition; others lose what is left.
+    """
+    known, unknown = 1.0 - d.probability_unknown, d.probability_unknown
+    beside = [c.effects[0] for c in d.causes if c.effects[0] in d.composition.effects]
+    shares = {c.effects[0]: c.probability * (0.5 if c.effects[0] in beside else 0.0) for c in d.causes}
+    causes = [replace(c, probability=min(shares[c.effects[0]], known)) for c in d.causes]
+    own = replace(parameters, probability=max(known - sum(c.probability for c in causes), 0.0))
+    return replace(d, causes=(own, *causes), probability_none=0.0, probability_unknown=unknown)
+
+
+def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
+    """Return the diagnosis with what explains the gap as well, and with what makes a value a doubt."""
+    doubts = [p.name for p in chosen.freed if p.is_doubtful]
+    text, verdict, doubt, others = d.sentence, d.verdict, d.doubt, d.alternatives
+    if chosen.alternatives and verdict != UNKNOWN:
+        texts = [describe_alternative(one) for one in chosen.alternatives]
+        names = [NAME if a.parameters else "" for a in chosen.alternatives]
+        names += [a.effect.name for a in chosen.alternatives if a.effect is not None]
+        others = tuple(dict.fromkeys((*others, *(n for n in names if n and n not in d.composition.effects))))
+        text += f" As much would be explained by {'; or by '.join(texts)}."
+        verdict, doubt = AMBIGUOUS, ALTERNATIVES
+        d = replace(d, explained_as_well=tuple(one.names for one in chosen.alternatives))
+    if doubts:
+        text += f" {join_with(doubts)} lies at a bound or far from the default: a sign that something is missing."
+        verdict, doubt = (AMBIGUOUS, doubt or UNCERTAIN) if verdict == NAMED else (verdict, doubt)
+    return replace(d, sentence=text, verdict=verdict, doubt=doubt, alternatives=others)
+
+
+def _count(chosen: FreedParameters) -> str:
+    return {1: "it", 2: "both"}.get(len(chosen.freed), "them")
+
+
+def _lower(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def _newtons(value: float) -> str:
+    return f"{format_number(value)} N"

@@ -1,0 +1,136 @@
+"""Parameters of users' own simulators, fitted: true values inside the intervals, and what cannot be known is said."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from bench.gaps.users_dampers import SIMULATORS, bouc_wen, filtered_speed, knee, record
+from ces_data.arrays import F
+from ces_gap.calibrate.calibration import calibrate
+from ces_gap.errors import GapError
+from ces_gap.report.calibration import calibration_content, describe
+from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation
+
+
+def simulation(kind: str) -> FunctionSimulation:
+    return FunctionSimulation(kind, SIMULATORS[kind])
+
+
+def test_two_parameters_are_found_with_intervals_that_hold_them_and_the_gap_closes() -> None:
+    true = {"knee_m_s": 0.104, "gas_N_m": 2990.0}
+    result = calibrate(simulation("knee"), "knee", [record("knee", true, seed) for seed in (1, 2)])
+    changed = {p.name: p for p in result.parameters if p.matters}
+    assert set(changed) == set(true)
+    assert all(changed[n].ci95[0] < value < changed[n].ci95[1] for n, value in true.items())
+    assert result.before_N > 15.0 and result.after_N < 1.5 and result.missing is None
+    text = describe(result)
+    assert re.match(r"knee_m_s is 0.10\d*, not 0.12 \(0.10\d* to 0.10\d*\) and gas_N_m ", text)
+    assert "With both the gap shrinks from " in text
+
+
+def test_what_moves_with_others_is_held_at_its_default_and_said() -> None:
+    result = calibrate(simulation("bouc_wen"), "b", [record("bouc_wen", {"alpha_N_m": 55000.0}, s) for s in (1, 2)])
+    gamma = next(p for p in result.parameters if p.name == "gamma_1_m2")
+    assert not gamma.determined and gamma.value == gamma.default
+    assert "gamma_1_m2 cannot be determined: it moves with alpha_N_m and A; it is held at its default." in describe(
+        result
+    )
+    content = calibration_content(result)["parameters"]
+    assert content["gamma_1_m2"]["determined"] is False and content["alpha_N_m"]["matters"] is True
+
+
+def test_an_effect_is_missing_beside_two_wrong_parameters() -> None:
+    true = {"relief_N": 300.0, "stiffness_N_m": 3e5}
+    recordings = [record("chamber", true, seed, mass_kg=2.0) for seed in (1, 2)]
+    result = calibrate(simulation("chamber"), "c", recordings)
+    assert {p.name for p in result.parameters if p.matters} == set(true)
+    assert result.missing is not None and result.missing.setting.name == "inertia"
+    assert result.missing.estimates[0].value == pytest.approx(2.0, rel=0.03)
+    assert all(p.ci95[0] < true.get(p.name, p.default) < p.ci95[1] for p in result.parameters if p.name in true)
+    assert re.search(r"Inertia of (1.99|2|2.01) kg is missing beside them: with it \S+ N are left", describe(result))
+
+
+def test_only_the_named_parameters_are_fitted_and_a_bound_is_a_doubt() -> None:
+    recordings = [record("knee", {"knee_m_s": 0.104, "gas_N_m": 2990.0}, seed, seconds=6.0) for seed in (1, 2)]
+    result = calibrate(simulation("knee"), "knee", recordings, fit=["gas_N_m=1000..2000"])
+    (gas,) = result.parameters
+    assert gas.at_bound and gas.value == pytest.approx(2000.0, rel=0.01)
+    assert "gas_N_m is found at the bound of its range" in describe(result)
+
+
+def test_of_a_whole_number_each_value_is_tried() -> None:
+    def staged(time_s: F, position_m: F, current_A: F, *, stages: int = 1, gain_N: float = 100.0) -> F:
+        speed = filtered_speed(time_s, position_m)
+        return np.asarray(gain_N * np.tanh(speed / 0.1) ** (2 * stages - 1))
+
+    whole = FunctionSimulation("staged", staged)
+    recordings = [record("knee", {}, seed, seconds=6.0) for seed in (1, 2)]
+    fake = [with_force(r, whole.with_values({"stages": 3.0, "gain_N": 130.0})) for r in recordings]
+    result = calibrate(whole, "staged", fake, fit=["stages=1..4", "gain_N"])
+    assert {p.name: round(p.value) for p in result.parameters} == {"stages": 3, "gain_N": 130}
+    assert calibrate(whole, "staged", fake).notes == (
+        "stages is not fitted: it is a whole number (1); give --fit stages=LOW..HIGH to try each, or write 1.0",
+    )
+
+
+def with_force(recording, simulation):  # type: ignore[no-untyped-def]
+    """Return the recording with a simulation's force and noise."""
+    from dataclasses import replace
+
+    force = simulation.force(recording) + np.random.default_rng(1).normal(0.0, 3.0, len(recording.channel("position")))
+    channel = replace(recording.channel("force"), values=force)
+    return replace(recording, channels={**recording.channels, "force": channel})
+
+
+def test_a_function_with_a_state_is_refused() -> None:
+    calls: list[int] = []
+
+    def counting(time_s: F, position_m: F, current_A: F, *, seal_N: float = 25.0) -> F:
+        calls.append(1)
+        return knee(time_s, position_m, current_A, seal_N=seal_N + len(calls))
+
+    with pytest.raises(GapError, match=r"f: two equal calls on knee_1 differ by .* N RMS, so it keeps a state"):
+        calibrate(FunctionSimulation("f", counting), "f", [record("knee", {}, 1, seconds=6.0)])
+
+
+def test_values_with_which_the_function_fails_are_left_out_of_the_fit() -> None:
+    def picky(time_s: F, position_m: F, current_A: F, *, gas_N_m: float = 1500.0) -> F:
+        if gas_N_m > 3100.0:
+            raise ValueError("too stiff")
+        return knee(time_s, position_m, current_A, gas_N_m=gas_N_m)
+
+    recordings = [record("knee", {"gas_N_m": 3000.0}, seed, seconds=6.0) for seed in (1, 2)]
+    (gas,) = calibrate(FunctionSimulation("f", picky), "f", recordings).parameters
+    assert gas.value == pytest.approx(3000.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["seal"], "--fit seal: f has no such parameter; it has c0_N_s_m, "),
+        (["A=2..1"], "--fit A=2..1: expected NAME or NAME=LOW..HIGH"),
+        (["A=2..3"], "--fit A=2..3: expected a range around its default of 1"),
+        (["none"], "f: no parameter to fit: "),
+    ],
+)
+def test_wrong_words_are_refused(words: list[str], message: str) -> None:
+    with pytest.raises(GapError, match=re.escape(message)):
+        calibrate(FunctionSimulation("f", bouc_wen), "f", [], fit=words)
+
+
+def test_a_default_of_zero_needs_a_range_and_predictions_have_no_parameters() -> None:
+    def free(time_s: F, position_m: F, current_A: F, *, offset_N: float = 0.0) -> F:
+        return np.full_like(position_m, offset_N)
+
+    with pytest.raises(GapError, match=r"its default of 0 gives no range; give --fit offset_N=LOW..HIGH"):
+        calibrate(FunctionSimulation("f", free), "f", [])
+    with pytest.raises(GapError, match="no parameter to fit"):
+        calibrate(RecordedSimulation("/p"), "topic:/p", [])
+    recordings = [
+        with_force(record("knee", {}, 1, seconds=6.0), FunctionSimulation("f", free).with_values({"offset_N": -30.0}))
+    ]
+    (offset,) = calibrate(FunctionSimulation("f", free), "f", recordings, fit=["offset_N=-100..100"]).parameters
+    assert offset.value == pytest.approx(-30.0, abs=0.5)
