@@ -12,7 +12,14 @@ from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.calibrate.choice import Choice, Hypothesis, choose
-from ces_gap.calibrate.fitting import ParameterFit, fit_parameters, fit_smoothed, open_logged, time_equal_calls
+from ces_gap.calibrate.fitting import (
+    ParameterFit,
+    fit_on_others,
+    fit_parameters,
+    open_logged,
+    smooth_traces,
+    time_equal_calls,
+)
 from ces_gap.calibrate.free import FreeParameters, choose_free
 from ces_gap.calibrate.parameters import find_groups
 from ces_gap.effects.effect import Effect, Setting
@@ -29,6 +36,7 @@ from ces_identify.simulations.simulation import Simulation
 SLOW_S = 0.2  # [s] of a run over all recordings: with a slower simulation, effects that run it again are not tried
 RUNS = 50  # for each parameter and one more, measured: about as often a fit with the choice runs the simulation
 MIN_TOLD_S = 30.0  # [s] of work that is told before it begins
+WORSE = "the fitted values explain held-out recordings no better than the defaults, which are kept"
 DOUBTFUL = 3.0  # times its default or a third of it: beyond, a value is a doubt
 
 
@@ -94,6 +102,7 @@ class Calibration:
     missing: MissingEffect | None = None
     alternatives: tuple[Alternative, ...] = ()
     notes: tuple[str, ...] = ()
+    is_smoothed: bool = False  # whether the smoothed position was better than the logged one
     held_out: tuple[HeldOutSeries, ...] = ()  # with the force before and after
 
 
@@ -189,19 +198,26 @@ def _assemble(
 ) -> Calibration:
     """Return the result; under a missing effect, the parameters are those of the joint fit."""
     fit, simulation = choice.whole, best.effect.simulation
-    parameters = (*_list_whole(best), *_list_numbers(best, choice))
-    calibrated = simulation.with_values({p.name: p.value for p in parameters})
-    noise_N, forces = noise_floor_N(held), [DirectSimulator(calibrated).force(t, t.inputs) for t in held]
-    before_N, after_N = (_gap_N(held, modelled, noise_N) for modelled in ([t.simulated for t in held], forces))
-    count = len(best.determined)
-    covariance = np.zeros((0, 0)) if fit is None else fit.covariance[:count, :count]
-    groups = find_groups(best.jacobian, covariance, best.determined, [p.name for p in best.effect.free])
+    held = smooth_traces(simulation, held) if best.is_smoothed else held
     joint = None if fit is None or choice.best.effect is None else fit
+    parameters, calibrated = (*_list_whole(best), *_list_numbers(best, choice)), simulation
+    noise_N, before_N = noise_floor_N(held), _gap_N(held, [t.simulated for t in held], noise_floor_N(held))
+    changed = simulation.with_values({p.name: p.value for p in parameters})
+    forces = [DirectSimulator(changed).force(t, t.inputs) for t in held]
+    after_N, notes = _gap_N(held, forces, noise_N), free.notes
+    if after_N < before_N or joint is not None:
+        calibrated = changed
+    else:
+        notes = notes if before_N <= noise_N else (*notes, WORSE)
+        forces, after_N = [t.simulated for t in held], before_N
+        parameters = tuple(replace(p, value=p.default, matters=False) for p in parameters)
+    covariance = np.zeros((0, 0)) if fit is None else fit.covariance[: len(best.determined), : len(best.determined)]
+    groups = find_groups(best.jacobian, covariance, best.determined, [p.name for p in best.effect.free])
     missing = None if joint is None else _describe_missing(joint, simulation, held, noise_N)
     alternatives = tuple(Alternative(tuple(estimate(best, h)), _setting_of(h)) for h in choice.alternatives)
     series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
-    facts = parameters, tuple(groups), before_N, after_N, noise_N, missing, alternatives, free.notes, series
-    return Calibration(spec, calibrated, *facts)
+    facts = tuple(groups), before_N, after_N, noise_N, missing, alternatives, notes, best.is_smoothed, series
+    return Calibration(spec, calibrated, parameters, *facts)
 
 
 def _setting_of(h: Hypothesis) -> Setting | None:
@@ -227,11 +243,11 @@ def _list_numbers(best: ParameterFit, choice: Choice) -> list[FittedParameter]:
 
 
 def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
-    """Return the parameters of a hypothesis; each interval is widened by what smoothing the position changes."""
+    """Return the parameters of a hypothesis; each interval is widened by what the other position changes."""
     if h.fit is None or not h.places:
         return []
     count, units = len(h.places), found.units
-    bias = 0.5 * np.abs(fit_smoothed(found, h.fit) - h.fit.searched)[:count]
+    bias = 0.5 * np.abs(fit_on_others(found, h.fit) - h.fit.searched)[:count]
     errors = Z95 * np.sqrt(np.maximum(np.diag(h.fit.covariance)[:count], 0.0)) + bias
     fitted = []
     for k, u, error in zip(h.places, h.fit.searched.tolist(), errors.tolist(), strict=False):

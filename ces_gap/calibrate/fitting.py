@@ -1,7 +1,9 @@
-"""The fit of named parameters to traces on the logged position, and the evidence for effects beside them.
+"""The fit of named parameters to traces, and the evidence for effects beside them.
 
-The low-pass that a diagnosis puts on the position would bias what depends on the speed. The estimate on the smoothed
-position shows by how much; half of the difference is a part of the interval.
+The low-pass that a diagnosis puts on the position would bias what depends on the speed; the noise of the logged one
+would drown the rest in a simulation that differentiates without a filter. All parameters are fitted on both, and what
+leaves less is taken. The estimate on the other shows how far a value depends on that; half of the difference is a part
+of the interval.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
-from ces_gap.baseline.learner import make_white_noise
+from ces_gap.baseline.learner import NoiseModel, make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.calibrate.free import FreeParameters
 from ces_gap.calibrate.parameters import SimulationParameters, find_determined, signatures, values_of, with_steps
@@ -40,6 +42,15 @@ def open_logged(simulation: Simulation, recordings: Sequence[Recording]) -> list
     return traces
 
 
+def smooth_traces(simulation: Simulation, traces: Sequence[Trace]) -> list[Trace]:
+    """Return the traces with the smoothed position as that which was logged."""
+    smooth = []
+    for t in traces:
+        recording = smooth_recording(t.recording, t)
+        smooth.append(replace(make_trace(recording, simulation.force(recording), t.measured_noise), usable=t.usable))
+    return smooth
+
+
 def time_equal_calls(simulation: Simulation, real: Sequence[Recording], traces: Sequence[Trace], spec: str) -> float:
     """Return the seconds of a run over all recordings; raises GapError if it differs from the run before."""
     begun = time.monotonic()
@@ -57,7 +68,10 @@ def time_equal_calls(simulation: Simulation, real: Sequence[Recording], traces: 
 
 @dataclass(frozen=True)
 class ParameterFit:
-    """Parameters fitted to evidence on the logged position, with the whole numbers that were set."""
+    """Parameters fitted to evidence, with the whole numbers that were set.
+
+    `others` are the traces with the position that leaves more: the logged one if the fit `is_smoothed`.
+    """
 
     evidence: Evidence
     effect: SimulationParameters  # of all that are free
@@ -68,6 +82,8 @@ class ParameterFit:
     jacobian: F  # (r, p) of all at the end
     determined: tuple[int, ...]
     twin: TraceSimulator | None = None
+    is_smoothed: bool = False
+    others: tuple[Trace, ...] = ()
 
     @property
     def units(self) -> Mapping[str, str]:
@@ -125,19 +141,34 @@ def white_noise_N(traces: Sequence[Trace]) -> float:
 def fit_parameters(
     simulation: Simulation,
     free: FreeParameters,
-    traces: Sequence[Trace],
+    logged: Sequence[Trace],
     whole: Mapping[str, float],
     twin: TraceSimulator | None = None,
 ) -> ParameterFit:
-    """Return the fit of all numbers that the traces determine, judged at the defaults and again at the end.
+    """Return the fit on the `logged` or on the smoothed position, whichever leaves less.
 
     `whole` numbers are set first. Effects inside the damper will be put into its `twin`.
     """
+    smooth, noise = smooth_traces(simulation, logged), make_white_noise(white_noise_N(logged))
+    first, second = (_fit_on(simulation, free, traces, whole, twin, noise) for traces in (logged, smooth))
+    if first.cost <= second.cost:
+        return replace(first, others=tuple(smooth))
+    return replace(second, others=tuple(logged), is_smoothed=True)
+
+
+def _fit_on(
+    simulation: Simulation,
+    free: FreeParameters,
+    traces: Sequence[Trace],
+    whole: Mapping[str, float],
+    twin: TraceSimulator | None,
+    noise: NoiseModel,
+) -> ParameterFit:
+    """Return the fit of all numbers that the traces determine, judged at the defaults and again at the end."""
     whole_defaults = {p.name: p.default for p in simulation.parameters if p.name in whole}
     if whole:
         simulation = simulation.with_values(whole)
         traces = [replace(t, simulated=DirectSimulator(simulation).force(t, t.inputs)) for t in traces]
-    noise = make_white_noise(white_noise_N(traces))
     evidence = gather(traces, Plant(DirectSimulator(simulation), twin=twin), noise)
     effect = with_steps(SimulationParameters(simulation, free.numbers), traces, evidence.noise.rms_N)
     at = np.array([p.to_search(p.starts[0]) for p in effect.free])
@@ -156,11 +187,9 @@ def fit_parameters(
     return ParameterFit(evidence, effect, whole, whole_defaults, fit, at, jacobian, determined, twin)
 
 
-def fit_smoothed(found: ParameterFit, fit: EffectFit) -> F:
-    """Return the searched values (q,) of a fit on the smoothed position."""
-    simulation, smooth = found.effect.simulation, []
-    for t in found.evidence.traces:
-        recording = smooth_recording(t.recording, t)
-        smooth.append(replace(make_trace(recording, simulation.force(recording), t.measured_noise), usable=t.usable))
-    evidence = gather(smooth, Plant(DirectSimulator(simulation), twin=found.twin), found.evidence.noise)
+def fit_on_others(found: ParameterFit, fit: EffectFit) -> F:
+    """Return the searched values (q,) of a fit on the other position."""
+    simulator = DirectSimulator(found.effect.simulation)
+    traces = [replace(t, simulated=simulator.force(t, t.inputs)) for t in found.others]
+    evidence = gather(traces, Plant(simulator, twin=found.twin), found.evidence.noise)
     return fit_to_the_end(evidence, fit.effects, fit.searched).searched

@@ -51,9 +51,14 @@ def describe(c: Calibration) -> str:
 
 def _describe_changes(c: Calibration, changed: Sequence[FittedParameter]) -> str:
     before, after = _newtons(c.before_N), _newtons(c.after_N)
+    if not changed and c.before_N <= c.noise_N:
+        return f"No parameter is off: the gap of {before} RMS lies within the noise of {_newtons(c.noise_N)}."
     if not changed:
-        return f"No parameter is off: the gap of {before} RMS hardly shrinks, to {after}, with any of them fitted."
+        shrinks = f"hardly shrinks, to {after}," if c.after_N < c.before_N else "does not shrink"
+        return f"No parameter is off: the gap of {before} RMS {shrinks} with any of them fitted."
     both = {1: "it", 2: "both"}.get(len(changed), "them")
+    if c.after_N >= c.before_N:  # they show beside the missing effect only
+        return f"{describe_values(changed)}, beside an effect that is missing in the gap of {before} RMS."
     return (
         f"{describe_values(changed)}. With {both} the gap shrinks from {before} to {after} RMS on held-out recordings."
     )
@@ -119,7 +124,7 @@ def _remark(p: FittedParameter) -> str:
         return "not determined, held at its default"
     if p.at_bound:
         return "at its bound"
-    return "far from its default" if p.is_doubtful else "" if p.matters else "hardly matters here"
+    return "far from its default" if p.is_doubtful else "" if p.matters else "no change needed"
 
 
 COLUMNS: tuple[Column[FittedParameter], ...] = (
