@@ -198,7 +198,7 @@ def describe_rare(diagnosis: Diagnosis) -> str:
     inputs = f"stroke {format_number(1e3 * rare.stroke_m)} mm, speed {format_number(rare.speed_m_s)} m/s"
     where = f"{rare.time_s:.2f} s of {rare.recording} ({inputs}, current {format_number(rare.current_A)} A)"
     return (
-        f" A short deviation stands out, which an RMS hides: {size} at {where}; noise stays below {rare.limit_N:.0f} N."
+        f" A short deviation stands out, which an RMS hides: {size} at {where}; expected at most {rare.limit_N:.0f} N."
     )
 
 

@@ -75,12 +75,12 @@ MAX_PACKAGE = {
     "ces_report": 11.6,
     "ces_identify": 167.3,
     "ces_rig": 57.4,
-    "ces_gap": 107.0,
+    "ces_gap": 108.2,
     "ces_iterate": 20.9,
     "ces_serve": 11.8,
     "ces_cli": 57.2,
     "bench": 78.1,
-    "test": 470,
+    "test": 472.6,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -36,6 +36,7 @@ RESAMPLES = 500
 SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
 MIN_CORRECTED = 0.995  # of the gap: a correction that takes less is not told
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
+HIDDEN = 3.0  # times the gap's RMS: what is as large lasts at most 1/9 of the time, and the RMS hides it
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
 
@@ -152,7 +153,8 @@ def _find_rare(
     errors = [t.force - baseline.plant.alone(t) for t in inputs.reference]
     known = [np.where(t.usable, error, np.nan) for t, error in zip(inputs.reference, errors, strict=True)]
     traces, forces = (*result.evidence.traces, *scorer.blocks.traces), (*result.evidence.alone, *scorer.alone)
-    return find_rare_deviation(traces, forces, known, findings.tolerance_N)
+    gap_N = max(findings.size.gap_N, scorer.blocks.rms(scorer.corrected)[0])
+    return find_rare_deviation(traces, forces, known, max(findings.tolerance_N, HIDDEN * gap_N))
 
 
 def gaps_without_each(scorer: HeldOutScorer, evidence: Evidence, fit: EffectFit) -> tuple[float, ...]:
