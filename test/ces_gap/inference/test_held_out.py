@@ -291,5 +291,7 @@ def test_each_effect_of_several_says_what_is_lost_without_it() -> None:
     scorer = build_scorer(cut_into_blocks(evidence.traces, 1, NOISE_N), PLANT, PLANT.simulation)
     without_offset, without_friction = gaps_without_each(scorer, evidence, fit)
     left = scorer.explain(fit, scorer.forces(fit, True)).gap_after_N
+    learned = replace(scorer, before=9.0 * scorer.before)  # two thirds of the gap were taken by references
+    assert learned.explain().shrink == pytest.approx(0.0) and scorer.explain(fit).shrink == learned.explain(fit).shrink
     assert without_offset == pytest.approx(30.0, rel=0.1)
     assert 20.0 < without_friction < 40.0 and left < 3.0
