@@ -62,9 +62,9 @@ class Gap:
 
     @property
     def noise_in_band(self) -> str:
-        """What the gaps are without, in a few words."""
+        """Which part of the noise the gaps are without, in a few words; empty if it is all of it."""
         narrower = self.noise_in_band_N < SAME_BAND * self.noise_floor_N
-        return f"{self.noise_in_band_N:.1f} N of it in the band of the comparison" if narrower else "it"
+        return f"{self.noise_in_band_N:.1f} N of it in the band of the comparison " if narrower else ""
 
     @property
     def own_error(self) -> str:

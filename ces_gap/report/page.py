@@ -136,7 +136,7 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
         remark = "the closest of the known effects" if d.verdict == UNKNOWN else closes
         text = f"With {join_effect_names(c.effects)}"
         steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(c)))
-    remark = f"as logged, from {gap.noise_source}; {gap.noise_in_band} is subtracted from all other bars"
+    remark = f"as logged, from {gap.noise_source}, {gap.noise_in_band}subtracted from all other bars"
     steps.append(_bar(scale, "noise", "Measurement noise", remark, gap.noise_floor_N, None))
     controls = []
     if wrong is not None:
