@@ -91,6 +91,7 @@ class Diagnosis:
 SPEED_SHARES = np.array([0.0, 0.05, 0.35, 0.65, 0.95, 1.0])  # quantiles that bound the cells of speed
 CURRENT_SHARES = np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
 MIN_TICKS = 10
+MIN_CORRECTED = 0.995  # of the gap: a correction that takes less is not told
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,13 @@ def find_closest(diagnosis: Diagnosis) -> Explanation | None:
     return min(known, key=lambda e: e.gap_after_N, default=None)
 
 
+def describe_correction(diagnosis: Diagnosis) -> str:
+    """Return the words that tell the corrected gap from the original one where the correction takes a part of it."""
+    if not diagnosis.gap.corrected_N < MIN_CORRECTED * diagnosis.gap.rms_N:
+        return ""
+    return " beyond the timing of its inputs" if diagnosis.correction is None else " beyond the simulation's own error"
+
+
 def find_best_other(diagnosis: Diagnosis, shown: Explanation) -> Explanation | None:
     """Return the effect that alone closes most beside what is `shown`; None if there is none."""
     others = [c for c in diagnosis.causes if c.effects[0] not in shown.effects and math.isfinite(c.shrink)]
@@ -144,9 +152,9 @@ def format_verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == NO_GAP:
         return _describe_no_gap(diagnosis)
     if diagnosis.verdict == UNKNOWN:
-        size = f"{_newtons(gap.corrected_N)} RMS{gap.own_error}"
+        size = f"{_newtons(gap.corrected_N)} RMS{describe_correction(diagnosis)}"
         return f"None of the known effects explains the gap of {size}{_describe_rest(diagnosis)}."
-    shrink = f"the gap{gap.own_error} {_describe_shrink(gap.corrected_N, after_N)}"
+    shrink = f"the gap{describe_correction(diagnosis)} {_describe_shrink(gap.corrected_N, after_N)}"
     if diagnosis.verdict == AMBIGUOUS:
         ambiguity = _describe_ambiguity(diagnosis)
         fitted = f"with {_join(effects, 'and')}, {shrink}" if effects else "what was fitted enlarges the held-out gap"
@@ -184,10 +192,10 @@ def describe_timing(diagnosis: Diagnosis) -> str:
     if not probe.corrected:
         return ""
     found = " and ".join(f"{one.about.lower()} {one.found}" for one in probe.findings)
-    if diagnosis.correction is not None or not gap.own_error:
-        return f" The simulation's timing of its inputs ({found}) is corrected first."
-    whole, left = _newtons(gap.rms_N), _newtons(gap.corrected_N)
-    return f" The simulation's timing of its inputs ({found}) causes all but {left} of its {whole} RMS."
+    timing = f" The simulation's timing of its inputs ({found}) is"
+    if diagnosis.correction is not None or not describe_correction(diagnosis):
+        return f"{timing} corrected first."
+    return f"{timing} a cause, too: corrected, {_newtons(gap.corrected_N)} of {_newtons(gap.rms_N)} RMS are left."
 
 
 def describe_rare(diagnosis: Diagnosis) -> str:
@@ -199,7 +207,7 @@ def describe_rare(diagnosis: Diagnosis) -> str:
     inputs = f"stroke {format_number(1e3 * rare.stroke_m)} mm, speed {format_number(rare.speed_m_s)} m/s"
     where = f"{rare.time_s:.2f} s of {rare.recording} ({inputs}, current {format_number(rare.current_A)} A)"
     return (
-        f" A short deviation stands out, which an RMS hides: {size} at {where}; noise stays below {rare.limit_N:.0f} N."
+        f" A short deviation stands out, which an RMS hides: {size} at {where}; expected at most {rare.limit_N:.0f} N."
     )
 
 

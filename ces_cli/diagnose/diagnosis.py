@@ -168,7 +168,7 @@ def _gap_lines(diagnosis: Diagnosis) -> list[str]:
     wrong = find_best_other(diagnosis, together)
     lines = [
         f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on held-out data, J = {gap.cost_J:.2f} % "
-        f"(noise {_newtons(gap.noise_floor_N)} from {gap.noise_source}; {gap.noise_in_band} subtracted)"
+        f"(noise {_newtons(gap.noise_floor_N)} from {gap.noise_source}, {gap.noise_in_band}subtracted)"
     ]
     errors = ["own error, learned from the references"] * (diagnosis.correction is not None)
     errors += ["timing of its inputs"] * bool(diagnosis.probe.corrected)

@@ -106,7 +106,7 @@ class Effect:
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation runs again
     edits: ClassVar[bool] = False  # True if `edit` is not the identity: a form inside the damper, for its twin only
-    nuisance: ClassVar[bool] = False  # True if it competes with no effect, and is a cause only where it is in the best
+    nuisance: ClassVar[bool] = False  # True if it competes with no effect: a cause only where nothing else is better
     prior_share: ClassVar[float] = 0.0  # of the gap's energy, by which a flexible map must explain more than an effect
     limit: ClassVar[str] = ""  # effect to which this form tends at a bound: significance decides between the two
     needs: ClassVar[str] = ""  # what a recording must contain for the effect to be visible: "a changing current"

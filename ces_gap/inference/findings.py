@@ -12,7 +12,7 @@ from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, Evidence
-from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters, measure_parameter_drift
+from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters
 from ces_gap.inference.judgement import WITHIN_TIMING, GapSize, Judgement, SearchFindings
 from ces_gap.inference.odds import Calibration, VerdictFigures, probabilities
 from ces_gap.inference.search import (
@@ -121,9 +121,7 @@ def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling)
         ceiling_z=ceiling.z,
         unexplained=left / result.gap_energy,
         learnable=rest.energy / result.gap_energy,
-        learnable_z=rest.z,
         stuck=count_stuck_parameters(best) if best is not None else 0,
-        drift=measure_parameter_drift(best) if best is not None else 0.0,
     )
 
 

@@ -366,12 +366,6 @@ def count_stuck_parameters(fit: EffectFit) -> int:
     return sum(e.at_bound for effect in estimate_parameters(fit) for e in effect)
 
 
-def measure_parameter_drift(fit: EffectFit) -> float:
-    """Return the largest disagreement between units on a parameter, in standard errors."""
-    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-30))
-    return float(np.max(_unit_disagreement(fit) / spread)) if len(spread) else 0.0
-
-
 def _unit_disagreement(fit: EffectFit) -> F:
     return np.asarray(np.abs(fit.by_unit - fit.searched).max(axis=0) * np.sqrt(max(len(fit.by_unit) - 1, 1)))
 

@@ -34,8 +34,8 @@ from ces_gap.trace import Trace, noise_floor_N, own_error_N, usable_values
 BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
 SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
-MIN_CORRECTED = 0.995  # of the gap: a correction that takes less is not told
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
+HIDDEN = 3.0  # times the gap's RMS: what is as large lasts at most 1/9 of the time, and the RMS hides it
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
 
@@ -61,14 +61,9 @@ class Gap:
 
     @property
     def noise_in_band(self) -> str:
-        """What the gaps are without, in a few words."""
+        """Which part of the noise the gaps are without, in a few words; empty if it is all of it."""
         narrower = self.noise_in_band_N < SAME_BAND * self.noise_floor_N
-        return f"{self.noise_in_band_N:.1f} N of it in the band of the comparison" if narrower else "it"
-
-    @property
-    def own_error(self) -> str:
-        """The words that tell `corrected_N` from `rms_N` where the correction takes a part of it."""
-        return " beyond the simulation's own error" if self.corrected_N < MIN_CORRECTED * self.rms_N else ""
+        return f"{self.noise_in_band_N:.1f} N of it in the band of the comparison " if narrower else ""
 
 
 @dataclass(frozen=True)
@@ -114,7 +109,8 @@ def score_held_out(
     limits = {"what the references leave": reference_N, "what a learner cannot explain": findings.rest_N}
     blocks = cut_into_blocks(inputs.held_out, seed, min(limits.values()))
     scorer = build_scorer(blocks, baseline.plant, inputs.best)
-    scorer = scorer if inputs.is_corrected else replace(scorer, corrected=scorer.before)
+    if not inputs.is_corrected:
+        scorer = replace(scorer, corrected=scorer.before)
     best, timing = result.best, [f for f in result.alone if f.effects[0].nuisance][:1]
     forces = tuple(scorer.alone if best is None else scorer.forces(best, True))
     nothing = scorer.explain()
@@ -149,7 +145,8 @@ def _find_rare(
     errors = [t.force - baseline.plant.alone(t) for t in inputs.reference]
     known = [np.where(t.usable, error, np.nan) for t, error in zip(inputs.reference, errors, strict=True)]
     traces, forces = (*result.evidence.traces, *scorer.blocks.traces), (*result.evidence.alone, *scorer.alone)
-    return find_rare_deviation(traces, forces, known, findings.tolerance_N)
+    gap_N = max(findings.size.gap_N, scorer.blocks.rms(scorer.corrected)[0])
+    return find_rare_deviation(traces, forces, known, max(findings.tolerance_N, HIDDEN * gap_N))
 
 
 def gaps_without_each(scorer: HeldOutScorer, evidence: Evidence, fit: EffectFit) -> tuple[float, ...]:

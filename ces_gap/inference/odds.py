@@ -27,9 +27,8 @@ class VerdictFigures:
 
     `energy` is the gap's energy over the noise's. `gain_z` and `ceiling_z` are the gains of the best explanation and of
     the generic learner over their standard errors. `unexplained` is the share that the best explanation leaves,
-    `learnable` the part of it that the learner explains (equal if the noise is unknown), `learnable_z` over its
-    standard error. `stuck` counts parameters on a bound; `drift` is the largest disagreement between units on a
-    parameter, in standard errors.
+    `learnable` the part of it that the learner explains (equal if the noise is unknown). `stuck` counts parameters on a
+    bound.
     """
 
     energy: float
@@ -37,9 +36,7 @@ class VerdictFigures:
     ceiling_z: float
     unexplained: float
     learnable: float
-    learnable_z: float
     stuck: int
-    drift: float
 
 
 @dataclass(frozen=True)

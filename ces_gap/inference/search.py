@@ -317,14 +317,14 @@ def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
 def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     """Return the smallest share of the gap's energy that each effect leaves: alone, in the best, or as an alternative.
 
-    The simulation's timing counts if it is in the best. An alternative counts only for the effect that it adds, not for
-    those that it shares with the best. An effect that loses to a nested form explains what that form explains: it
+    The simulation's timing counts if it alone is the best. An alternative counts only for the effect that it adds, not
+    for those that it shares with the best. An effect that loses to a nested form explains what that form explains: it
     counts as leaving the whole gap.
     """
     best, energy = result.best, result.gap_energy
     whole = len(result.baseline_residual) + energy
-    named = () if best is None else best.names
-    fits = [fit for fit in result.alone if fit.names[0] in named or not fit.effects[0].nuisance]
+    alone = () if best is None or len(best.names) > 1 else best.names
+    fits = [fit for fit in result.alone if fit.names[0] in alone or not fit.effects[0].nuisance]
     costs = {fit.names[0]: fit.cost + prior_cost(fit, energy) for fit in fits}
     if best is not None and len(best.effects) == 1:
         lost = [f for f in result.alone if loses_to_nested_form(result.evidence, f, best)]
@@ -340,7 +340,7 @@ def interchangeable_effects(
 ) -> tuple[tuple[str, ...], ...]:
     """Return groups: an effect of the best composition, followed by those that can replace it, best first.
 
-    The simulation's timing and a map of its calibration replace nothing.
+    The simulation's timing and a map of its calibration replace nothing; beside an effect the timing is not replaced.
     The `allowance` of a fit is the whitened energy that it may leave because of the twin's error.
     """
     best = result.best
@@ -350,7 +350,9 @@ def interchangeable_effects(
     for fit in sorted(find_alternatives(result), key=lambda f: f.cost):
         (member,) = set(best.names) - set(fit.names)
         (other,) = set(fit.names) - set(best.names)
-        allowed = not any(e.name == other and (e.nuisance or e.prior_share > 0.0) for e in fit.effects)
+        (added,) = (e for e in fit.effects if e.name == other)
+        timed = len(best.effects) > 1 and any(e.name == member and e.nuisance for e in best.effects)
+        allowed = not (timed or added.nuisance or added.prior_share > 0.0)
         if allowed and _is_as_good(result, best, fit, allowance(fit)):
             groups.setdefault(member, [member]).append(other)
     return tuple(tuple(dict.fromkeys(groups[name])) for name in best.names if name in groups)

@@ -17,6 +17,7 @@ from ces_gap.diagnosis import (
     Interval,
     NextExperiment,
     Where,
+    describe_correction,
     find_best_other,
     find_closest,
 )
@@ -136,7 +137,7 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
         remark = "the closest of the known effects" if d.verdict == UNKNOWN else closes
         text = f"With {join_effect_names(c.effects)}"
         steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(c)))
-    remark = f"as logged, from {gap.noise_source}; {gap.noise_in_band} is subtracted from all other bars"
+    remark = f"as logged, from {gap.noise_source}, {gap.noise_in_band}subtracted from all other bars"
     steps.append(_bar(scale, "noise", "Measurement noise", remark, gap.noise_floor_N, None))
     controls = []
     if wrong is not None:
@@ -192,7 +193,7 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
         figure, unit = percent(1.0 if closest is None else closest.gap_after_N / before_N), "%"
         share = 1.0 - d.ceiling_after_N / before_N
         learnt = "nothing of it" if share <= 0.0 else f"{percent(share)}\N{NO-BREAK SPACE}%"
-        text = f"of the gap{d.gap.own_error} on held-out recordings remains unexplained by known effects; "
+        text = f"of the gap{describe_correction(d)} on held-out recordings remains unexplained by known effects; "
         text += f"a generic learner explains {learnt}."
     elif d.verdict == NO_GAP or not c.effects:
         figure, unit, noise = three_figures(d.gap.rms_N), "N", three_figures(d.gap.noise_floor_N)
@@ -201,7 +202,7 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
         figure, unit = percent(c.shrink), "%"
         names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
         interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
-        text = f"of the gap{d.gap.own_error} on held-out recordings closed by {names}; {interval}."
+        text = f"of the gap{describe_correction(d)} on held-out recordings closed by {names}; {interval}."
     return {"figure": figure, "unit": unit, "text": text}
 
 

@@ -93,10 +93,8 @@ def closure(truth: Arrays, replay: Arrays, name: str) -> dict[str, float]:
 
     Effects shrink what the correction from references leaves.
     """
-    force, (corrected, augmented) = (
-        truth[f"{name}_force_N"],
-        (replay[f"{name}_{k}_N"] for k in ("corrected", "augmented")),
-    )
+    force, augmented = truth[f"{name}_force_N"], replay[f"{name}_augmented_N"]
+    corrected = replay.get(f"{name}_corrected_N", replay[f"{name}_simulated_N"])  # older results have none
     if not len(corrected) == len(augmented) == len(force):
         return {}
     edge, index = round(EDGE * len(force)), np.arange(len(force))

@@ -17,7 +17,7 @@ def figures(kind, rng):
     energy = 0.0 if kind == "none" else 8.0 + rng.normal()
     unexplained = 0.6 + 0.1 * rng.normal() if kind == "outside" else 0.05 + 0.01 * rng.normal()
     z = 0.5 if kind == "none" else 15.0
-    return VerdictFigures(energy, z, z, unexplained, unexplained, 3.0, 0, 0.0).__dict__
+    return VerdictFigures(energy, z, z, unexplained, unexplained, 0).__dict__
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from ces_gap.inference.judgement import (
 
 
 def format_text(**changed: object) -> str:
-    return format_verdict(replace(named(), **changed))  # type: ignore[arg-type]
+    return format_verdict(replace(named(), **{"correction": object(), **changed}))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("verdict", [NAMED, AMBIGUOUS, UNKNOWN, NO_GAP])

@@ -274,7 +274,7 @@ def test_what_the_simulation_does_to_its_force_is_a_cause_with_a_name(few_effect
     found = diagnose(FunctionSimulation("late", late_force), "late", real, held_out, (), QUICK)
     assert found.verdict == NAMED and {*found.composition.effects} <= {"simulation_timing", "position_delay"}
     assert found.sentence.startswith("The gap is caused by the simulation's timing")
-    assert found.causes[0].effects == ("simulation_timing",) and found.composition.probability > 0.9
+    assert found.composition.probability > 0.9
 
 
 def test_a_rare_event_is_a_gap_with_a_place(few_effects: None) -> None:

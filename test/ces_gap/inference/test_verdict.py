@@ -32,7 +32,7 @@ from ces_gap.inference.judgement import (
 from ces_gap.inference.odds import Calibration, Probabilities, VerdictFigures
 from ces_gap.inference.verdict import CLEARLY_MORE, HALF, TENTH, confirm_ties, judge, leaves_clearly_more
 
-CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 1.0, 0, 1.0)
+CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 0)
 
 SHARE = st.floats(-2.0, 3.0)
 

@@ -146,7 +146,9 @@ def test_closure():
     rng = np.random.default_rng(2)
     force, effect, error = rng.normal(0.0, [[900.0], [24.0], [18.0]], (3, 20_000))
     truth = {"h1_force_N": force}
-    replay = {"h1_corrected_N": force - effect - error, "h1_augmented_N": force - 0.5 * effect - 0.1 * error}
+    replay = {"h1_simulated_N": force - effect - error, "h1_augmented_N": force - 0.5 * effect - 0.1 * error}
     got = closure(truth, replay, "h1")
     assert got["closure"] == pytest.approx(1.0 - np.hypot(12.0, 1.8) / 30.0, abs=0.01)
     assert closure(truth, {name: values[1:] for name, values in replay.items()}, "h1") == {}
+    corrected = replay | {"h1_corrected_N": force - effect}  # references taught the error
+    assert closure(truth, corrected, "h1")["closure"] == pytest.approx(1.0 - np.hypot(12.0, 1.8) / 24.0, abs=0.01)
