@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-from bag_recorders import Recorder
+from bag_recorders import NEEDS_ROSBAG2, Recorder
 from cpp_package import CppPackage, missing_tool
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
@@ -124,6 +124,7 @@ def test_a_transition_that_fails_says_why(vehicle: Vehicle, start_cpp: Callable[
     assert node.ended()[1].count("[ERROR]") == 1
 
 
+@NEEDS_ROSBAG2
 def test_a_recorder_writes_a_snapshot_on_request(
     vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path
 ) -> None:

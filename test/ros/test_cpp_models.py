@@ -57,6 +57,29 @@ def runs(vehicle: Vehicle, model: Model) -> None:
     vehicle.hears_value("model sha256", model.digest())
 
 
+def test_a_delay_brings_its_topics_and_its_estimates_come_there_alone(
+    vehicle: Vehicle, package: CppPackage, namespace: str, tmp_path: Path
+) -> None:
+    plain = save_flat(damper(), tmp_path / "plain.ces")
+    node = package.start(namespace, "observer", {"model": plain, "max_age_s": 0.0, "current.constant": 0.5})
+    late = vehicle.hear_estimates("observer/estimate_delayed")
+    try:
+        vehicle.meets_node()
+        assert vehicle.node.count_publishers("observer/estimate_delayed") == 0
+        with vehicle.driving(contiguous=True):
+            wait(lambda: bool(vehicle.estimates), "the first estimate")
+            model = delayed_damper(0.003, max_gap_s=MAX_GAP_S)
+            assert vehicle.sets("model", str(save_flat(model, tmp_path / "delayed.ces"))).successful
+            wait(lambda: len(late) > 100, "delayed estimates")
+            assert vehicle.sets("model", str(plain)).successful
+            wait(lambda: vehicle.node.count_publishers("observer/estimate_delayed") == 0, "the topic goes")
+            told = vehicle.driven[-1]
+            wait(lambda: vehicle.stamps()[-1] > told, "estimates at once again")
+        assert not {*vehicle.stamps()} & {stamp_of(message) for message in late[10:-10]}
+    finally:
+        node.kill()
+
+
 def test_by_parameter(driven: Vehicle, tmp_path: Path) -> None:
     path = save_flat(damper(0.8), tmp_path / "softer.ces")
     assert driven.sets("model", str(path)).successful
@@ -109,13 +132,3 @@ def test_the_service_says_why_it_refuses(driven: Vehicle, tmp_path: Path) -> Non
     assert "worn.ces: no such model file" in driven.reloads.call().message
     driven.hears_value(CHANGE, "refused, the old model runs on: ")
     assert all(answer.message for answer in driven.reloads.answers(100))
-
-
-def test_a_delay_brings_its_topics(driven: Vehicle, tmp_path: Path) -> None:
-    late = driven.hear_estimates("observer/estimate_delayed")
-    assert driven.node.count_publishers("observer/estimate_delayed") == 0
-    model = delayed_damper(0.003, max_gap_s=MAX_GAP_S)
-    assert driven.sets("model", str(save_flat(model, tmp_path / "delayed.ces"))).successful
-    wait(lambda: len(late) > 100, "delayed estimates")
-    assert driven.sets("model", str(save_flat(damper(), tmp_path / "plain.ces"))).successful
-    wait(lambda: driven.node.count_publishers("observer/estimate_delayed") == 0, "the topic goes")

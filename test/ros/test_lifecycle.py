@@ -34,13 +34,17 @@ FALLING = """
 import sys
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.nodes import managed_node, observer
-real, calls = DamperObserver.step, []
+real, real_fall, calls, falls = DamperObserver.step, managed_node.ManagedNode.fall, [], []
 def step(self, *sample):
     calls.append(None)
-    if 100 < len(calls) < 600:
+    if len(calls) > 100 and not falls:  # however few or many samples a busy computer passes on until then
         raise MemoryError("planted")
     return real(self, *sample)
-DamperObserver.step, observer.FALL_S, managed_node.RETRY_S = step, 0.3, 0.1
+def fall(self, why):
+    falls.append(why)
+    real_fall(self, why)
+DamperObserver.step, managed_node.ManagedNode.fall = step, fall
+observer.FALL_S, managed_node.RETRY_S = 0.3, 0.1
 sys.exit(observer.main())
 """
 WITHOUT = """
