@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -12,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS
-from ces_data.log_formats import LOG_FORMATS
-from ces_data.logs.log_mapping import BLANKS, COLUMN_KEYS, LAYOUT_KEYS, SOURCES
+from ces_data.logs.log_mapping import COLUMN_KEYS, LAYOUT, LAYOUT_KEYS, SOURCES
 from ces_gap.report.calibration import calibrated_schema
 from ces_gap.report.gap_json import gap_schema
 from ces_identify.campaign.plan import COMMON, STRUCTURES, CellLimits, axis_schema
@@ -26,10 +24,9 @@ from ces_observer.fields import Schema, record_schema
 from ces_observer.json_text import write_atomically
 from ces_observer.nodes import parameter_table
 from ces_observer.options import Option
-from ces_observer.signals import LARGEST, LONGEST, MAX_DELAY_S, NAMES, UNITS
+from ces_observer.signals import FIELDS, NAMES, UNITS
 from ces_observer.structures.constructed_inputs import BASE, MAX_WIDTH, MIN_WIDTH, SETTINGS
-from ces_observer.structures.structure import MAX_LAG
-from ces_observer.structures.terms import MAX_FACTORS, MAX_POWER, MAX_TERMS
+from ces_observer.structures.terms import MAX_FACTORS, MAX_TERMS
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.dampers.kinds import HYDRAULIC, LUMPED
 from ces_rig.drive import currents, strokes
@@ -64,12 +61,9 @@ def one_of(values: Iterable[object]) -> Schema:
     return {"enum": list(values)}
 
 
-def number_between(low: float, high: float, above: bool = False, whole: bool = False) -> Schema:
-    """Return the schema of a number in [low, high], with `above` in (low, high]; infinite limits are left out."""
-    schema: Schema = {"type": "integer" if whole else "number"}
-    if math.isfinite(low):
-        schema["exclusiveMinimum" if above else "minimum"] = low
-    return schema | ({"maximum": high} if math.isfinite(high) else {})
+def number_between(low: float, high: float) -> Schema:
+    """Return the schema of a number in [low, high]."""
+    return {"type": "number", "minimum": low, "maximum": high}
 
 
 def list_of(item: Schema, least: int = 0) -> Schema:
@@ -112,36 +106,17 @@ def of_parameters(table: Iterable[Option]) -> dict[str, Schema]:
     }
 
 
-FACTOR: Schema = {"type": "number", "not": {"const": 0}, "minimum": -LARGEST, "maximum": LARGEST}
-ABOUT_CONSTANT = "a known value that is not recorded, instead of a topic"
-SIGNAL_SETTINGS: Mapping[str, Schema] = {
-    "topic": {**TEXT, "minLength": 1, "maxLength": LONGEST},
-    "type": {**TEXT, "pattern": r"^[A-Za-z]\w*/msg/[A-Za-z]\w*$", "maxLength": LONGEST},
-    "field": {**TEXT, "minLength": 1, "maxLength": LONGEST},
-    "scale": FACTOR,
-    "offset": number_between(-LARGEST, LARGEST),
-    "delay": number_between(-MAX_DELAY_S, MAX_DELAY_S),
-    "constant": number_between(-LARGEST, LARGEST),
-}
-LAYOUT: Mapping[str, Schema] = {
-    "format": with_description(one_of(LOG_FORMATS), "left out, the file's suffix decides"),
-    "delimiter": with_description({**TEXT, "minLength": 1, "maxLength": 1}, "between the cells of a CSV file"),
-    "decimal": with_description(one_of((".", ",")), "mark in the numbers of a CSV file"),
-    "blank": with_description(one_of(BLANKS), "a blank cell is a mistake, or a sample that was not taken"),
-    "dbc": with_description({"type": ["string", "array"], "items": TEXT}, "databases of a CAN log (.dbc)"),
-    "header_lines": with_description(
-        number_between(0, float("inf"), whole=True), "lines before the first row of numbers"
-    ),
-    "names": with_description(list_of({"type": ["string", "number"]}), "names for the columns"),
-    "rows": with_description(TEXT, "where the table is in a JSON or MAT file, a path such as results.data"),
-}
+SIGNAL_SETTINGS: dict[str, Schema] = {name: one.schema for name, one in FIELDS.items()}
+SIGNAL_SETTINGS["scale"] |= {"not": {"const": 0}}
+SIGNAL_SETTINGS["type"] |= {"pattern": r"^[A-Za-z]\w*/msg/[A-Za-z]\w*$"}
+LAYOUT_SCHEMAS: dict[str, Schema] = {name: one.schema for name, one in LAYOUT.items()}
+LAYOUT_SCHEMAS["dbc"]["type"] = ["string", "array"]
+LAYOUT_SCHEMAS["names"]["items"] = {"type": ["string", "number"]}
 
 
 def signal_properties() -> dict[str, Schema]:
     """Return the schema of each signal in a signals file or a node's parameters."""
-    about = {**parameter_table.SIGNAL_KEYS, "constant": ABOUT_CONSTANT}
-    settings = {key: with_description(schema, about[key]) for key, schema in SIGNAL_SETTINGS.items()}
-    return {name: mapping_of(settings, about=f"{name} [{UNITS[name]}]") for name in NAMES}
+    return {name: mapping_of(SIGNAL_SETTINGS, about=f"{name} [{UNITS[name]}]") for name in NAMES}
 
 
 def dotted_signals() -> dict[str, Schema]:
@@ -213,7 +188,7 @@ def import_schema() -> Schema:
     only_column = {**mapping_of(settings, ("column",)), **either}
     properties = {
         **{name: with_description(source, f"{name} [{UNITS[name]}] after scaling") for name in NAMES},
-        **LAYOUT,
+        **LAYOUT_SCHEMAS,
         "time": with_description(of_time, "[s] after scaling"),
         "rate": {"anyOf": [{**NUMBER, "exclusiveMinimum": 0}, only_column], "description": "[Hz], instead of time"},
     }
@@ -235,22 +210,12 @@ OPEN_LAG: Schema = {"anyOf": [{"const": candidates.AUTO}, SETTING["time_constant
 def candidates_schema() -> Schema:
     """Return the schema; keys besides the signals are names of constructed inputs, which `constructed` defines."""
     rule: Schema = {"$ref": "#/definitions/rule"}
-    forms = list_of(one_of(candidates.FORMS), 1)
-    of_a_factor = {
-        "signal": TEXT,
-        "lag": number_between(0, MAX_LAG, whole=True),
-        "power": number_between(0.0, MAX_POWER),
-        "form": one_of(candidates.FORMS),
-    }
+    lists = {key: one.schema for key, one in candidates.RULE_LISTS.items()}
+    lag, power, form = (lists[key]["items"] for key in ("lags", "powers", "forms"))
+    of_a_factor = {"signal": TEXT, "lag": lag, "power": power, "form": form}
     term = {**list_of(mapping_of(of_a_factor, ("signal",))), "maxItems": MAX_FACTORS}
-    of_a_rule = {
-        "lags": _lags(0),
-        "lags_ms": with_description(list_of(number_between(0.0, candidates.MAX_LAG_MS), 1), "in milliseconds"),
-        "powers": list_of(number_between(0.0, MAX_POWER), 1),
-        "forms": forms,
-        "again": rule,
-    }
-    of_force = {"lags": _lags(1), "powers": list_of(NUMBER, 1), "forms": forms}  # other keys: signals that multiply it
+    of_force = {**lists, "lags": candidates.LAGS_OF_FORCE.schema}  # other keys: signals that multiply it
+    del of_force["lags_ms"]
     properties: dict[str, Schema] = {
         "force": {"$ref": "#/definitions/force"},
         **{signal: rule for signal in candidates.SIGNALS if signal != "force"},
@@ -263,14 +228,10 @@ def candidates_schema() -> Schema:
         ),
     }
     definitions = {
-        "rule": {**mapping_of(of_a_rule), "oneOf": [{"required": ["lags"]}, {"required": ["lags_ms"]}]},
+        "rule": {**mapping_of({**lists, "again": rule}), "oneOf": [{"required": ["lags"]}, {"required": ["lags_ms"]}]},
         "force": {**mapping_of(of_force, ("lags",)), "additionalProperties": rule},
     }
     return {**mapping_of(properties), "additionalProperties": rule, "definitions": definitions}
-
-
-def _lags(least: int) -> Schema:
-    return with_description(list_of(number_between(least, MAX_LAG, whole=True), 1), "in ticks of the model's rate")
 
 
 def _construction() -> Schema:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,11 @@ class _Loader(yaml.SafeLoader):
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+\Z"), list("-+.0123456789")
 )
+
+
+def packaged_text(package: str, name: str) -> str:
+    """Return the text of a YAML file in a package, without its first line, which names the schema there."""
+    return (files(package) / name).read_text(encoding="utf-8").partition("\n")[2]
 
 
 def read_yaml_mapping(

@@ -128,11 +128,6 @@ class Model:
         return self.body.size
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks."""
-        return self.body.max_lag
-
-    @property
     def operating_range(self) -> OperatingRange:
         """The rate and ranges for which its structure is run and proved."""
         return OperatingRange(self.sampling.rate_Hz, self.envelope.by_signal, self.force_envelope_N)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ces_observer.errors import SignalsError
+from ces_observer.fields import REQUIRED, Field
 from ces_observer.json_text import quote
 
 NAMES = ("position", "current", "force", "sim_force", "temperature", "speed", "acceleration")
@@ -37,8 +38,24 @@ LARGEST = 1e30  # scale, offset or constant: beyond any unit, and far from overf
 _STEP = re.compile(r"([A-Za-z]\w*)(?:\[ *([^\[\] ][^\[\]]*)\])?\Z", re.ASCII)
 _INDEX = re.compile(r"[0-9]{1,9}", re.ASCII)
 _TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*\Z", re.ASCII)
-_SOURCE = {"topic", "type", "field"}
-_KEYS = {*_SOURCE, "scale", "offset", "delay", "constant"}
+_SOURCE = ("topic", "type", "field")
+_SCALED = "value in SI units = scale * number + offset"
+FIELDS: Mapping[str, Field] = {  # of a signal
+    one.name: one
+    for one in (
+        Field("topic", meaning="topic; a relative name is resolved in the node's namespace"),
+        Field("type", meaning="message type, such as sensor_msgs/msg/JointState"),
+        Field("field", meaning="path to the number in the message, as data, wrench.force.z or position[rear_damper]"),
+        Field("scale", 1.0, _SCALED, -LARGEST, LARGEST),
+        Field("offset", 0.0, _SCALED, -LARGEST, LARGEST),
+        Field(
+            "delay", 0.0, "[s] by how much later than measured the numbers are stamped; stamps are moved back by it",
+            -MAX_DELAY_S, MAX_DELAY_S,
+        ),
+        Field("constant", REQUIRED, "known value in SI units instead of a topic", -LARGEST, LARGEST, kind=float),
+    )
+}  # fmt: skip
+NUMBERS = {name: one.default for name, one in FIELDS.items() if one.default is not REQUIRED}
 
 
 @dataclass(frozen=True)
@@ -178,7 +195,7 @@ def override(common: Any, own: Any) -> Any:
     """
     if not isinstance(common, Mapping) or not isinstance(own, Mapping):
         return common if own is None else own
-    if "constant" in common and "constant" not in own and not _SOURCE.isdisjoint(own):
+    if "constant" in common and "constant" not in own and not own.keys().isdisjoint(_SOURCE):
         common = {key: value for key, value in common.items() if key != "constant"}
     return {**common, **own}
 
@@ -189,13 +206,13 @@ def _signal(name: str, description: object, source: str) -> Signal | Constant:
         raise SignalsError(
             f"{where} is {quote(description)}; expected a mapping with topic, type and field, or constant"
         )
-    unknown = sorted(map(str, set(description) - _KEYS))
+    unknown = sorted(map(str, description.keys() - FIELDS.keys()))
     if unknown:
-        raise SignalsError(f"{where}: unknown key {quote(unknown[0])}; known are {', '.join(sorted(_KEYS))}")
+        raise SignalsError(f"{where}: unknown key {quote(unknown[0])}; known are {', '.join(sorted(FIELDS))}")
     if "constant" in description:
-        return Constant(name, _check_number(description["constant"], f"{where}: constant"))
-    settings = {**DEFAULTS.get(name, {}), **description}
-    for key in ("topic", "type", "field"):
+        return Constant(name, FIELDS["constant"].check(description["constant"], f"{where}: constant", SignalsError))
+    settings = {**DEFAULTS.get(name, {}), **NUMBERS, **description}
+    for key in _SOURCE:
         if not isinstance(settings.get(key), str) or not settings[key]:
             raise SignalsError(f"{where}: '{key}' is missing; set topic, type and field")
         if len(settings[key]) > LONGEST or not settings[key].isprintable():
@@ -204,17 +221,7 @@ def _signal(name: str, description: object, source: str) -> Signal | Constant:
             )
     if not _TYPE.match(settings["type"]):
         raise SignalsError(f"{where}: type '{settings['type']}' is not of the form package/msg/Type")
-    scale = _check_number(settings.get("scale", 1.0), f"{where}: scale")
-    if scale == 0.0:
+    numbers = {key: FIELDS[key].check(settings[key], f"{where}: {key}", SignalsError) for key in NUMBERS}
+    if numbers["scale"] == 0.0:
         raise SignalsError(f"{where}: scale is 0; expected the factor from the logged unit to SI")
-    offset = _check_number(settings.get("offset", 0.0), f"{where}: offset")
-    delay = _check_number(settings.get("delay", 0.0), f"{where}: delay")
-    if abs(delay) > MAX_DELAY_S:
-        raise SignalsError(f"{where}: delay is {delay:g} s; expected at most {MAX_DELAY_S:g} s (it is in seconds)")
-    return Signal(name, settings["topic"], settings["type"], FieldPath.parse(settings["field"]), scale, offset, delay)
-
-
-def _check_number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST <= value <= LARGEST:
-        raise SignalsError(f"{where} is {quote(value)}; expected a finite number, at most {LARGEST:g}")
-    return float(value)
+    return Signal(name, settings["topic"], settings["type"], FieldPath.parse(settings["field"]), **numbers)

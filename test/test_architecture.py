@@ -71,21 +71,20 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 139.5,
-    "ces_data": 86.7,
+    "ces_observer": 138,
+    "ces_data": 86.3,
     "ces_report": 11.6,
-    "ces_identify": 168.4,
+    "ces_identify": 167.6,
     "ces_rig": 57.4,
-    "ces_gap": 119.9,
-    "ces_iterate": 20.9,
+    "ces_gap": 122.5,
+    "ces_iterate": 20.4,
     "ces_serve": 11.8,
-    "ces_cli": 58.2,
-    "bench": 81.1,
-    "test": 472.8,
+    "ces_cli": 57.5,
+    "bench": 81.4,
+    "test": 475,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
-    "ces_cli/schemas.py",
     "ces_rig/dampers/hydraulic/kernel.py",
 }
 

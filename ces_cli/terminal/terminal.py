@@ -163,9 +163,9 @@ def as_one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def make_table(title: str | None, left: Sequence[str], right: Sequence[str], padding: int = 1) -> Table:
+def make_table(title: str | None, left: Sequence[str], right: Sequence[str]) -> Table:
     """Return an empty table: columns headed `left` hold texts that may wrap, columns headed `right` hold numbers."""
-    table = Table(title=title, title_justify="left", header_style="bold", padding=(0, padding, 0, 0), box=SIMPLE_HEAD)
+    table = Table(title=title, title_justify="left", header_style="bold", padding=(0, 1, 0, 0), box=SIMPLE_HEAD)
     for heading in left:
         table.add_column(heading, overflow="fold")
     for heading in right:

@@ -9,59 +9,40 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ces_data.config_file import parse_yaml_mapping, read_yaml_mapping
+from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.units import QUANTITIES, find_unit
 from ces_observer.errors import CesError
-from ces_observer.fields import require_known_keys
+from ces_observer.fields import Field, require_known_keys
 from ces_observer.signals import NAMES, UNITS
 
 WHAT = "a mapping for ces import; ces import --template prints one"
 ONE_TIME = "give one of 'time' and 'rate'"
 SOURCES = ("column", "constant", "from_name")
 COLUMN_KEYS = ("unit", "group", "date")
-LAYOUT_KEYS = ("format", "delimiter", "decimal", "header_lines", "names", "rows", "blank", "dbc", "time", "rate")
-BLANKS = ("error", "missing")
 
-TEMPLATE = """\
-# How `ces import` reads a log. Every signal is value in SI units = scale * cell + offset.
-# Position [m] and force [N] are positive in compression; use a negative scale where the log has it the other way.
-# `ces import LOG --propose` writes such a file from the log's own columns; examples are in config/import/.
 
-# format: csv           # FORMATS; left out, the file's suffix decides
+def _require_one_character(text: str) -> None:
+    if len(text) != 1:
+        raise ValueError(f"found {text!r}; expected one character")
 
-# For csv (what is left out is found from the first lines, and said):
-# delimiter: ","        # "\\t" for a tab
-# decimal: "."          # "," if the log writes 3,14
-# header_lines: 1       # lines before the first row of numbers; the last of them names the columns, or the one
-                        # before it, if the last one holds their units
-# names: [t, x, F]      # names for the columns, instead of those in the file
-# blank: missing        # a blank cell is a sample that was not taken; the default is an error
 
-# For json and mat:
-# rows: data            # where the table is, a path such as results.data; a matrix, a list of rows, or columns by name
+LAYOUT: Mapping[str, Field] = {  # of a log: its form, which the first lines tell as well
+    one.name: one
+    for one in (
+        Field("format", meaning="left out, the file's suffix decides", choices=tuple(LOG_FORMATS)),
+        Field("delimiter", meaning="between the cells of a CSV file", check_text=_require_one_character),
+        Field("decimal", meaning="mark in the numbers of a CSV file", choices=(".", ",")),
+        Field("header_lines", meaning="lines before the first row of numbers", low=0, kind=int),
+        Field("names", meaning="names for the columns", many=True),
+        Field("rows", meaning="where the table is in a JSON or MAT file", form="a path such as results.data"),
+        Field("blank", meaning="a blank cell: a mistake, or a sample that was not taken", choices=("error", "missing")),
+        Field("dbc", meaning="databases of a CAN log (.dbc)", many=True),
+    )
+}
+LAYOUT_KEYS = (*LAYOUT, "time", "rate")
 
-# For can (.blf .asc .log): columns are MESSAGE.SIGNAL of the database
-# dbc: chassis.dbc      # or a list of files, relative to this one
-
-# Time: one of these three. A column is given by its name or by its number, from 0.
-# Logs whose channels have their own times (mdf, bag, can) need none of them.
-time: {column: t_s, scale: 1.0}    # [s] after scaling
-# time: {column: clock, date: "%d/%m/%Y %H:%M:%S.%f"}  # dates as text; ISO 8601 and 31.12.2024 need no pattern
-# rate: 1000.0                     # [Hz], for a log without time or with one that is too coarse
-# rate: {column: fs}               # [Hz], from the first row
-
-position: {column: x_mm, scale: 0.001}
-# position: {column: x_mm, unit: mm}                      # the same; a unit that the log states needs neither
-# position: {column: x, group: 2}                         # mdf: number or name of the channel group; can: the bus
-current: {column: current_A}
-# current: {constant: 0.0}                                # a passive damper
-# current: {from_name: "_([0-9.]+)A", scale: 1.0}         # the first group, found in the file's name
-force: {column: F_N}
-# temperature: {column: T_oil, offset: -273.15}           # [degC]
-# speed: {column: v_mm_s, unit: mm/s}                     # [m/s], measured; in place of a position, it is integrated
-# acceleration: {column: a_g, scale: 9.80665}             # [m/s2], of the piston relative to the cylinder; likewise
-""".replace("FORMATS", "one of " + ", ".join(LOG_FORMATS))
+TEMPLATE = packaged_text("ces_data.logs", "template.yaml").replace("FORMATS", "one of " + ", ".join(LOG_FORMATS))
 
 
 class MappingError(CesError):
@@ -202,29 +183,14 @@ class _Reader:
 
     def layout(self) -> dict[str, Any]:
         """Return the file's format settings, where the mapping has them."""
-        layout = {key: self.content[key] for key in LAYOUT_KEYS if key in self.content and key not in ("time", "rate")}
-        delimiter, header_lines, files = (layout.get(key) for key in ("delimiter", "header_lines", "dbc"))
-        files = [files] if isinstance(files, str) else files
-        rules: dict[str, tuple[bool, str]] = {
-            "format": (layout.get("format") in LOG_FORMATS, f"one of {', '.join(LOG_FORMATS)}"),
-            "delimiter": (isinstance(delimiter, str) and len(delimiter) == 1, "one character"),
-            "decimal": (layout.get("decimal") in (".", ","), "'.' or ','"),
-            "header_lines": (isinstance(header_lines, int) and header_lines >= 0, "0 or more"),
-            "names": (isinstance(layout.get("names"), list), "a list of names"),
-            "rows": (isinstance(layout.get("rows"), str), "a path such as results.data"),
-            "blank": (layout.get("blank") in BLANKS, f"one of {', '.join(BLANKS)}"),
-            "dbc": (
-                isinstance(files, list) and all(isinstance(one, str) for one in files),
-                "the name of a .dbc file, or a list of them",
-            ),
-        }
-        for key, (good, expected) in rules.items():
-            self._require(good or key not in layout, key, layout.get(key), expected)
-        if "names" in layout:
-            layout["names"] = tuple(map(str, layout["names"]))
-        if files is not None:
-            layout["dbc"] = tuple(self.path.parent / name for name in files)
-        return layout
+        given = {key: self.content[key] for key in LAYOUT if key in self.content}
+        if isinstance(given.get("dbc"), str):
+            given["dbc"] = [given["dbc"]]
+        if isinstance(given.get("names"), list):
+            given["names"] = list(map(str, given["names"]))
+        layout = {key: LAYOUT[key].check(value, f"{self.path}: '{key}'", MappingError) for key, value in given.items()}
+        files = {"dbc": tuple(self.path.parent / name for name in layout["dbc"])} if "dbc" in layout else {}
+        return {**layout, **({"names": tuple(layout["names"])} if "names" in layout else {}), **files}
 
     def _mapping(self, name: str) -> Mapping[str, Any]:
         content, keys = self.content[name], (*SOURCES, "scale", "offset", *COLUMN_KEYS)

@@ -25,7 +25,7 @@ from ces_observer.errors import CesError, ModelError
 from ces_observer.health import arrivals
 from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, signal_options, type_name
 from ces_observer.options import Option
-from ces_observer.signals import DEFAULTS, LARGEST, MOTIONS
+from ces_observer.signals import DEFAULTS, LARGEST, MOTIONS, NUMBERS
 from ces_observer.tick.selftest import rounding_sample
 
 TYPES = {"integer": "int", "integer_array": "int_array"}  # by ROS's name, where the library has another
@@ -40,7 +40,6 @@ MEANINGS = {
 }  # of parameters that differ here from the Python node's
 CONSTANT = "current.constant"  # which may be not set, so that the node declares it by hand
 NOT_MEASURED = {"topic": "", "type": "", "field": ""}
-NUMBERS = {"scale": 1.0, "offset": 0.0, "delay": 0.0}
 ARRIVALS = ("losses_take_number", "arrivals_reset", "arrivals_take", "arrivals_roll", "arrivals_restart_ages")
 NODE_REASONS = ("SILENT", "POSITION_NOT_FINITE", "NO_CURRENT", "NO_MOTION", "OFF_CLOCK")
 WORDS = """// Printed by ces_identify.export.cpp_sources from ces_observer: the words of /diagnostics, and limits.

@@ -123,9 +123,9 @@ def positive_group(name: str, centre: float | F, weight: float = 1.0) -> Group:
     return Group(name, at, np.full(len(at), WEIGHT * weight))
 
 
-def signed_group(name: str, unit: float, centre: float = 0.0, count: int = 1, weight: float = 1.0) -> Group:
+def signed_group(name: str, unit: float, centre: float = 0.0, count: int = 1) -> Group:
     """Return a group of numbers of either sign, whose usual size is `unit`."""
-    return Group(name, np.full(count, centre), np.full(count, WEIGHT * weight), unit)
+    return Group(name, np.full(count, centre), np.full(count, WEIGHT), unit)
 
 
 def make_groups(scales: DataScales, kind: KindStart, held: bool, bypass: Group) -> list[Group]:

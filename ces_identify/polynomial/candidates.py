@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from importlib.resources import files
 from itertools import chain, pairwise, product
 from math import prod
 from pathlib import Path
 from typing import Any
 
-from ces_data.config_file import parse_yaml_mapping, read_yaml_mapping
+from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_identify.polynomial.search_limits import GAUSS_NEWTON, THESIS
 from ces_observer.errors import CesError
 from ces_observer.fields import Field, require_known_keys
@@ -38,11 +37,14 @@ MAX_LAG_MS = 200.0
 SIGNALS = ("force", "speed", "current", "position")
 EXPECTED = f"candidate rules: {', '.join(SIGNALS)} and products"
 RULE_LISTS = {  # of a signal's rule, by their keys
-    "lags": Field("lags", kind=int, low=0, high=MAX_LAG, unit="ticks"),
-    "lags_ms": Field("lags_ms", kind=float, low=0.0, high=MAX_LAG_MS, unit="ms"),
-    "powers": Field("powers", kind=float, low=0.0, high=MAX_POWER),
-    "forms": Field("forms", choices=tuple(FORMS)),
+    "lags": Field(meaning="at the model's rate", low=0, high=MAX_LAG, unit="ticks", kind=int, many=True, min_count=1),
+    "lags_ms": Field(
+        meaning="instead of lags", low=0.0, high=MAX_LAG_MS, unit="ms", kind=float, many=True, min_count=1
+    ),
+    "powers": Field(low=0.0, high=MAX_POWER, kind=float, many=True, min_count=1),
+    "forms": Field(choices=tuple(FORMS), many=True, min_count=1),
 }
+LAGS_OF_FORCE = replace(RULE_LISTS["lags"], low=1)
 MEMBERSHIPS = "hats"
 AUTO, FIRST_GUESS_S = "auto", 0.01  # of a lag's time constant
 RULE_KINDS = ("stop", "play", "lag", "frequency", MEMBERSHIPS)
@@ -213,7 +215,7 @@ def merge_signs(choice: Sequence[Factor]) -> tuple[Factor, ...]:
 def built_in_rules(method: str = GAUSS_NEWTON) -> str:
     """Return the text of the built-in rules for a search method, without the line that names their schema."""
     name = "thesis.yaml" if method == THESIS else "candidates.yaml"
-    return (files(__package__) / name).read_text(encoding="utf-8").partition("\n")[2]
+    return packaged_text("ces_identify.polynomial", name)
 
 
 def load_rules(path: Path | None, method: str = GAUSS_NEWTON) -> CandidateRules:
@@ -253,8 +255,8 @@ def _read_rule(signal: str, raw: object, where: str, hat: bool = False) -> Signa
         raise CesError(f"{where}: expected a list of lags, in ticks (lags) or in milliseconds (lags_ms)")
     found: dict[str, Any] = {"in_ms": "lags_ms" in raw}
     for key in [key for key in RULE_LISTS if key in raw]:
-        one = replace(RULE_LISTS[key], low=1) if force and key == "lags" else RULE_LISTS[key]
-        values = replace(one, many=True, min_count=1).check(raw[key], f"{where}: {key}")
+        one = LAGS_OF_FORCE if force and key == "lags" else RULE_LISTS[key]
+        values = one.check(raw[key], f"{where}: {key}")
         found["lags" if key == "lags_ms" else key] = tuple(dict.fromkeys(values))
     if "again" in raw:
         found["again"] = _read_rule(signal, raw["again"], f"{where}: again")

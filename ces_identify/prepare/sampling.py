@@ -215,11 +215,6 @@ def delay_text(delay_s: float) -> str:
     return f"{1e3 * delay_s:g} ms later" if delay_s else "at once"
 
 
-def late(delay_s: float) -> str:
-    """Return the same in brackets after a name, nothing without a delay."""
-    return f" ({delay_text(delay_s)})" if delay_s else ""
-
-
 def believed_stroke(recordings: Sequence[Recording]) -> tuple[float, float]:
     """Return the range [m] in which positions are believed: the recorded stroke, without spikes, and a margin."""
     strokes = [remove_spikes(usable_samples(recording, 1e6).position) for recording in recordings]

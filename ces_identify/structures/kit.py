@@ -31,11 +31,10 @@ class IdentifyOptions:
     `split` is the share of each recording to identify on. `speed` says whether the model differentiates the position
     or needs a measured speed, too: POSITION, MEASURED, or as the recordings are (`choose_motion`). Without
     `candidates`, the built-in rules of the search method apply. `rate` [Hz] fixes the ticks. `delay` [s] is how long
-    after a sample its speed is taken. `weight` sets which ticks
-    matter more in fit and selection. With `certificate`, only models with one (ces_observer.proof.certificate) are
-    considered; the thesis' procedure considers all and gives a certificate to the model that it finds, if the proof
-    succeeds. With `band`, the model gets a band (ces_observer.band). A model forgets where it was started within
-    `forget` [s].
+    after a sample its speed is taken. `weight` sets which ticks matter more in fit and selection. With `certificate`,
+    only models with one (ces_observer.proof.certificate) are considered; the thesis' procedure considers all and gives
+    a certificate to the model that it finds, if the proof succeeds. With `band`, the model gets a band
+    (ces_observer.band). A model forgets where it was started within `forget` [s].
     """
 
     split: float | None = None

@@ -21,7 +21,7 @@ import numpy as np
 from ces_data.arrays import F, I, Mask
 from ces_identify.numerics.correlation import MIN_BINS, add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
-from ces_identify.prepare.sampling import late
+from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import FreeRun, Series
 from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import simulate_series
@@ -160,7 +160,7 @@ class Evaluation:
 
 def describe_size(model: Model) -> str:
     """Return the size of a model in words, with its delay if there is one."""
-    return model.size + late(model.sampling.delay_s)
+    return model.size + (f" ({delay_text(delay_s)})" if (delay_s := model.sampling.delay_s) else "")
 
 
 def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:

@@ -6,14 +6,14 @@ It does not use ROS: `parameters.declare_table` declares a table; documentation 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from functools import partial
-from math import inf
 from typing import Any
 
 from ces_observer.control.control_loop import FEEDBACKS
 from ces_observer.errors import CesError
 from ces_observer.options import Option
-from ces_observer.signals import LARGEST, MAX_DELAY_S
+from ces_observer.signals import FIELDS
 
 TYPES = {bool: "BOOL", int: "INTEGER", float: "DOUBLE", str: "STRING"}  # as in rcl_interfaces/msg/ParameterType
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
@@ -57,11 +57,9 @@ def require_type(name: str, wanted: str, kind: str) -> None:
 
 def signal_options(signal: str, defaults: Mapping[str, Any]) -> tuple[Option, ...]:
     """Return the parameters SIGNAL.KEY of a signal; those without a default are not set."""
-    options = []
-    for key, meaning in {**SIGNAL_KEYS, "constant": "known value in SI units instead of a topic"}.items():
-        kind, high = (float, SIGNAL_LIMITS[key]) if key in SIGNAL_LIMITS else (str, inf)
-        options.append(Option(f"{signal}.{key}", defaults.get(key), f"{signal}: {meaning}", -high, high, kind=kind))
-    return tuple(options if signal == "current" else options[:-1])
+    keys = [key for key in FIELDS if key != "constant" or signal == "current"]
+    named = [replace(FIELDS[key], name=f"{signal}.{key}", default=defaults.get(key)) for key in keys]
+    return tuple(Option(**vars(one) | {"meaning": f"{signal}: {one.meaning}"}) for one in named)
 
 
 # fmt: off
@@ -78,15 +76,6 @@ DAMPERS_MEANING = (
     "names of the dampers that this node observes, each with parameters NAME.model and so on, and a topic "
     "~/NAME/estimate; not set: one damper without a name")
 OF_DAMPERS = Option(DAMPERS, None, DAMPERS_MEANING, kind=str, many=True)
-SIGNAL_KEYS = {
-    "topic": "topic; a relative name is resolved in the node's namespace",
-    "type": "message type, such as sensor_msgs/msg/JointState",
-    "field": "path to the number in the message, such as data, wrench.force.z or position[rear_damper]",
-    "scale": "value in SI units = scale * number + offset",
-    "offset": "value in SI units = scale * number + offset",
-    "delay": "[s] by how much later than measured the numbers are stamped; stamps are moved back by it",
-}
-SIGNAL_LIMITS = {"scale": LARGEST, "offset": LARGEST, "constant": LARGEST, "delay": MAX_DELAY_S}  # either way
 HOUR_S = 3600.0
 INPUT_DEPTH = 5000  # messages: 5 s at 1 kHz
 tunable = partial(Option, live=True)

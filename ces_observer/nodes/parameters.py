@@ -27,12 +27,11 @@ from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.model_check import require_stable
 from ces_observer.nodes.parameter_table import DAMPERS, LOOP, NAME, OF_A_DAMPER, OF_THE_NODE
 from ces_observer.options import Option
-from ces_observer.signals import DEFAULTS, MOTIONS, NAMES, Constant, Signals, override
+from ces_observer.signals import DEFAULTS, MOTIONS, NAMES, NUMBERS, Constant, Signals, override
 
 NULL = "null"  # what `ros2 param dump` writes for a parameter that is not set, and ROS 2 then reads as a text
 LIVE_OF_CONTROLLER = tuple(spec.name for spec in (*LOOP, *tables.TUNING, *tables.CURVE) if spec.live)
 SIGNALS = ("position", "current", "force", *MOTIONS)
-NUMBERS = {"scale": 1.0, "offset": 0.0, "delay": 0.0}  # of a signal, with their defaults
 
 
 class TableNode(GuardedNode):

@@ -60,11 +60,6 @@ class Experts(Structure):
     experts: tuple[Expert, ...]
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks."""
-        return max(r.lag for r in (*self.inputs, self.past_force))
-
-    @property
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.experts)} experts on {len(self.inputs)} inputs"
@@ -84,7 +79,7 @@ class Experts(Structure):
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the experts into a layout, for `ces_observer.tick.experts`."""
         layout.reserve(tick.P_EXPERTS, tick.N_EXPERTS, S_STRUCTURE, K_LAGGED)
-        lagged.fill_lagged(layout, (*self.inputs, self.past_force), self.max_lag)
+        lagged.fill_lagged(layout, (*self.inputs, self.past_force))
         layout.p[tick.EXPERTS_SCALE] = self.scale_N
         layout.n[tick.EXPERTS_COUNT] = len(self.experts)
         rows = (getattr(one, name) for name in ROWS for one in self.experts)

@@ -83,11 +83,6 @@ class Fuzzy(Structure):
     rules: tuple[Rule, ...]
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any regressor or premise in ticks."""
-        return max([r.lag for r in self.regressors] + [p.lag for p in self.premises])
-
-    @property
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.rules)} rules on {len(self.regressors)} regressors"
@@ -117,7 +112,7 @@ class Fuzzy(Structure):
         """Write the rules into a layout, for `ces_observer.tick.fuzzy`; the bells of all premises are in one row."""
         layout.reserve(tick.P_FUZZY, tick.N_FUZZY, tick.S_FUZZY, K_LAGGED)
         premises = [lagged.Regressor(p.signal, p.lag, 0.0, 1.0) for p in self.premises]
-        lagged.fill_lagged(layout, (*self.regressors, *premises), self.max_lag)
+        lagged.fill_lagged(layout, (*self.regressors, *premises))
         bells = [(i, bell) for i, premise in enumerate(self.premises) for bell in premise.memberships]
         first = list(accumulate((len(p.memberships) for p in self.premises), initial=0))
         choices = [at + chosen for rule in self.rules for at, chosen in zip(first, rule.memberships, strict=False)]

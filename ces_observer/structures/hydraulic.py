@@ -120,11 +120,6 @@ class Hydraulic(Structure):
     reach: float
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks."""
-        return self.valve.max_lag
-
-    @property
     def outside(self) -> str:
         """What becomes of inputs outside the envelope."""
         return f"used as they are up to {self.reach:g} times the envelope, and clamped beyond"

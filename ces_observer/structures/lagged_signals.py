@@ -96,9 +96,9 @@ def longest_lags(signals: Iterable[Lagged]) -> tuple[int, int]:
     return past, inputs
 
 
-def fill_lagged(layout: Layout, regressors: Sequence[Regressor], max_lag: int) -> None:
-    """Write regressors and the rings of `max_lag` past ticks into a layout, for `ces_observer.tick.lagged`."""
-    depth = max_lag + 1
+def fill_lagged(layout: Layout, regressors: Sequence[Regressor]) -> None:
+    """Write regressors and the rings of past ticks that they need into a layout, for `ces_observer.tick.lagged`."""
+    depth = 1 + max(r.lag for r in regressors)
     rings = layout.state(len(RINGS) * depth)
     sources = [number for r in regressors for number in (rings + RINGS.index(r.signal) * depth, r.lag)]
     layout.n[tick.LAGGED_DEPTH] = depth

@@ -111,11 +111,6 @@ class Mixture(Structure):
     members: tuple[WeightedModel, ...]
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks."""
-        return max(member.body.max_lag for member in self.members)
-
-    @property
     def size(self) -> str:
         """The size, in words."""
         alike: dict[tuple[str, str], list[float]] = {}

@@ -57,11 +57,6 @@ class Network(Structure):
     units: tuple[SigmoidUnit, ...]
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any regressor in ticks."""
-        return max(r.lag for r in self.regressors)
-
-    @property
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.units)} sigmoid units on {len(self.regressors)} regressors"
@@ -83,7 +78,7 @@ class Network(Structure):
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.sigmoid`."""
         layout.reserve(tick.P_SIGMOID, tick.N_SIGMOID, S_STRUCTURE, K_LAGGED)
-        lagged.fill_lagged(layout, self.regressors, self.max_lag)
+        lagged.fill_lagged(layout, self.regressors)
         rows = [(*self.linear, self.constant), *((*unit.slopes, unit.bias) for unit in self.units)]
         layout.p[tick.SIGMOID_SCALE] = self.scale_N
         layout.n[tick.SIGMOID_UNITS] = len(self.units)

@@ -56,11 +56,6 @@ class ValvePath:
     rise_s: float
     fall_s: float
 
-    @property
-    def max_lag(self) -> int:
-        """Longest lag of the current in ticks."""
-        return int(self.delay_ticks) + 1
-
     def steady(self, current_A: float) -> float:
         """Return the setting at a constant current [A], in the middle of the magnetic loop."""
         return min(max(interpolate(self.characteristic.at, self.characteristic.values, current_A), 0.0), 1.0)

@@ -49,11 +49,6 @@ class Polynomial(Structure):
         return collect_constructed(self.terms)
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any factor in ticks."""
-        return max((f.lag for t in self.terms for f in t.factors), default=0)
-
-    @property
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.terms)} terms"

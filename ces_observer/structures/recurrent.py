@@ -310,11 +310,6 @@ class Recurrent(Structure):
     members: tuple[Member, ...]
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks: it keeps no past inputs."""
-        return 0
-
-    @property
     def size(self) -> str:
         """The size, in words."""
         filters = sum(len(stage.decay_s) for stage in self.all_stages)

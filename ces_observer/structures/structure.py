@@ -104,11 +104,6 @@ class Structure(ABC):
 
     @property
     @abstractmethod
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks."""
-
-    @property
-    @abstractmethod
     def size(self) -> str:
         """The size, in words."""
 

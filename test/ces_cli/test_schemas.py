@@ -34,7 +34,11 @@ from ces_rig.experiment import KEYS as EXPERIMENT_KEYS
 from ces_rig.experiment import load_description, load_experiment
 
 ROOT = Path(__file__).resolve().parents[2]
-SHIPPED = sorted(path for folder in ("config", "ces_rig", "ces_identify") for path in (ROOT / folder).rglob("*.yaml"))
+SHIPPED = sorted(
+    path
+    for folder in ("config", "ces_rig", "ces_identify", "ces_data", "ces_iterate")
+    for path in (ROOT / folder).rglob("*.yaml")
+)
 
 
 class Loader(yaml.SafeLoader):

@@ -73,7 +73,7 @@ def test_two_nodes_signals_are_ambiguous_and_no_signals_none(tmp_path):
         ("current:\n  topc: x\n", 1, "unknown key 'topc'"),
         ("position: {field: 'a..b'}\n", 1, "field path 'a..b'"),
         ("force: {type: Float64}\n", 1, "package/msg/Type"),
-        ("force: {scale: .nan}\n", 1, "finite number"),
+        ("force: {scale: .nan}\n", 1, "scale is nan"),
         ("force: 3\n", 1, "expected a mapping"),
     ],
 )

@@ -117,9 +117,9 @@ def test_other_parameters_of_a_node_are_ignored():
         ({"force": {"topic": ""}}, "'topic' is missing"),
         ({"force": {"type": "Float64"}}, "type 'Float64' is not of the form package/msg/Type"),
         ({"force": {"scale": 0}}, "scale is 0; expected the factor"),
-        ({"force": {"scale": True}}, "scale is True; expected a finite number"),
-        ({"force": {"offset": float("inf")}}, "offset is inf; expected a finite number"),
-        ({"current": {"constant": "0 A"}}, "constant is '0 A'; expected a finite number"),
+        ({"force": {"scale": True}}, "scale is True; expected a number"),
+        ({"force": {"offset": float("inf")}}, "offset is inf; expected a number"),
+        ({"current": {"constant": "0 A"}}, "constant is '0 A'; expected a number"),
         ({"current": {"field": "a["}}, r"field path 'a\['"),
     ],
 )

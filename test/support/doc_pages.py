@@ -36,7 +36,7 @@ from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.reading import read_recording
 from ces_data.recording import Channel, Recording
 from ces_observer.nodes import parameter_table
-from ces_observer.signals import NAMES, Signals
+from ces_observer.signals import FIELDS, NAMES, Signals
 from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
 from ces_rig.live.rig import OF_THE_RIG
 
@@ -384,5 +384,5 @@ def node_parameters() -> frozenset[str]:
     """Return the parameters of all nodes, those of a signal as `position.topic`."""
     tables = (parameter_table.OF_THE_NODE, parameter_table.OF_A_DAMPER, parameter_table.OF_THE_CONTROLLER)
     options = (*chain(*tables), parameter_table.NAME, *PARAMETERS, *OF_THE_RIG_NODE, *OF_THE_RIG)
-    signals = (f"{name}.{key}" for name in NAMES for key in (*parameter_table.SIGNAL_KEYS, "constant"))
+    signals = (f"{name}.{key}" for name in NAMES for key in FIELDS)
     return frozenset((*(option.name for option in options), *signals, "dampers", "use_sim_time"))

@@ -84,10 +84,6 @@ class Dashpot(Structure):
     viscosity: float
 
     @property
-    def max_lag(self) -> int:
-        return 0
-
-    @property
     def size(self) -> str:
         return "1 dashpot"
 
