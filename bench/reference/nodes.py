@@ -28,7 +28,7 @@ NODES = {  # and what each does
     "observer": "Estimates the force from position and current.",
     "controller": "Commands the current that gives a wanted force.",
     "rig": "The virtual rig in real time (synthetic data).",
-    "identify": "Identifies a model and publishes it.",
+    "identify": "Identifies a model, writes its file and publishes its costs.",
 }
 SIGNALS = (
     "`position`, `current`, `force`, `temperature`, `speed`, `acceleration`, each with `topic`, `type`, `field`, "

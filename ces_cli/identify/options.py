@@ -55,7 +55,7 @@ def list_shared() -> tuple[Option, ...]:
 
 SHARED = list_shared()
 PARAMETERS = tuple(as_parameter(option) for option in (BAGS, *SHARED))
-EXIT_WHEN_DONE = Option("exit_when_done", False, "end after publishing the model")
+EXIT_WHEN_DONE = Option("exit_when_done", False, "end after publishing the costs of the model")
 
 
 def build_command_line(values: Mapping[str, Any]) -> list[str]:

@@ -61,7 +61,7 @@ def test_interrupted_it_sends_stages_costs_warnings_and_the_best_so_far(
     costs = values_of(messages, "cost")
     assert costs and costs == sorted(costs, reverse=True)
     (result,) = values_of(messages, "result")
-    assert result["text"] == out.read_text() == load_model(out).to_json()
+    assert out.read_text() == load_model(out).to_json()
     assert [(cost["recording"], cost["role"]) for cost in result["costs"]] == [
         ("one", "identification"),
         ("one", "validation"),
