@@ -12,13 +12,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ces_data.recording import Recording
+from ces_gap.baseline.twin import Twin
 from ces_gap.calibrate.calibration import FreedParameters, free_parameters
+from ces_gap.calibrate.choice import VISIBLE
+from ces_gap.calibrate.fitting import white_noise_N
 from ces_gap.calibrate.free import NONE
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library, require_sound
 from ces_gap.effects.simulation_errors import SampleTiming, simulation_errors
 from ces_gap.experiment.next_experiment import find_pairs, propose_experiment
+from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, learn_baseline
 from ces_gap.inference.findings import bound_notes, collect_findings, timing_notes
 from ces_gap.inference.held_out import HeldOutScores, apply_judgement, collect_evidence, score_held_out
@@ -32,7 +36,10 @@ from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.regions.locate import NOWHERE, locate_gap
 from ces_gap.report.parameters import with_parameters
+from ces_gap.trace import usable_values
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
+
+FREED = "parameters of the simulation"
 
 
 @dataclass(frozen=True)
@@ -75,23 +82,25 @@ def diagnose(
     `progress` receives each step and the share of it that is done. Raises CesError if a diagnosis is not possible.
     """
     options, optional = options or DiagnoseOptions(), OptionalSteps()
-    has_parameters = bool(simulation.parameters) and not reference and list(options.fit) != [NONE]
-    errors = simulation_errors() if not has_parameters else (SampleTiming(),)  # parameters are the better calibration
-    effects = (*library(), *options.effects, *(() if reference else errors))
-    needs_twin = any(effect.edits for effect in effects)
-    inputs = prepare_recordings(simulation, real, held_out, reference, progress, options.threads, needs_twin)
-    chosen = FreedParameters(simulation)
-    if has_parameters:
-        twin = None if inputs.twin_problem else inputs.twin
-        found = free_parameters, simulation, spec, real, bool(held_out), effects, twin, options.fit, progress
-        chosen = optional.run("parameters of the simulation", lambda: found[0](*found[1:]), chosen)
-    if chosen.freed:
-        before, simulation = (simulation, inputs.twin), chosen.simulation
-        inputs = prepare_recordings(
-            simulation, real, held_out, reference, progress, options.threads, needs_twin, before
-        )
+    physics = (*library(), *options.effects)
+    needs_twin = any(effect.edits for effect in physics)
+
+    def prepare(one: Simulation, uncalibrated: tuple[Simulation, Twin | None] | None = None) -> DiagnosisInput:
+        recordings = real, held_out, reference
+        return prepare_recordings(one, *recordings, progress, options.threads, needs_twin, uncalibrated)
+
+    inputs = prepare(simulation)
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
+    chosen = FreedParameters(simulation)
+    if simulation.parameters and not reference and list(options.fit) != [NONE]:
+        twin = None if inputs.twin_problem else inputs.twin
+        asked = real, bool(held_out), physics, twin, options.fit, progress
+        chosen = optional.run(FREED, lambda: free_parameters(simulation, spec, *asked), chosen)
+    if chosen.freed:
+        inputs, simulation = prepare(chosen.simulation, (simulation, inputs.twin)), chosen.simulation
+    errors = (SampleTiming(),) if chosen.competed else simulation_errors()  # parameters are the better calibration
+    effects = (*physics, *(() if reference else errors))
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
     if needs_twin and inputs.twin_problem:
         notes = (*notes, f"effects inside the simulated damper were not tried: {inputs.twin_problem}")
@@ -104,8 +113,8 @@ def diagnose(
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
     progress("computing the ceiling", 0.0)
     weights = calibration(_mode(simulation, inputs))
-    recorded = inputs.exact is None
-    findings = collect_findings(baseline, result, inputs.best, weights, options.tolerance, recorded)
+    recorded, tolerance = inputs.exact is None, _tolerance(inputs, chosen, options)
+    findings = collect_findings(baseline, result, inputs.best, weights, tolerance, recorded)
     scores = score_held_out(inputs, baseline, result, findings, options.seed, progress)
     judgement = judge(collect_evidence(findings, scores))
     scores = apply_judgement(scores, judgement)
@@ -113,6 +122,13 @@ def diagnose(
     diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
     diagnosis = replace(diagnosis, notes=(*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes))
     return with_parameters(diagnosis, chosen)
+
+
+def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: DiagnoseOptions) -> float | None:
+    """Return the share of the force up to which a gap is none: where parameters competed alone, twice the noise."""
+    if options.tolerance is not None or not chosen.competed or chosen.effect:
+        return options.tolerance
+    return VISIBLE * white_noise_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
 
 
 def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:

@@ -33,10 +33,12 @@ from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, noise_floor_N, usable_values
 from ces_identify.simulations.simulation import Simulation
 
-SLOW_S = 0.2  # [s] of a run over all recordings: with a slower simulation, effects that run it again are not tried
+SLOW_S = 0.5  # [s] of a run over all recordings: with a slower simulation, effects that run it again are not tried
 RUNS = 50  # for each parameter and one more, measured: about as often a fit with the choice runs the simulation
+MAX_UNASKED_S = 1200.0  # [s] for which a diagnosis fits parameters that the user has not named
 MIN_TOLD_S = 30.0  # [s] of work that is told before it begins
 WORSE = "the fitted values explain held-out recordings no better than the defaults, which are kept"
+OFF = 0.2  # of its default: a parameter that is off by as much is worth a remark where there is no gap
 DOUBTFUL = 3.0  # times its default or a third of it: beyond, a value is a doubt
 
 
@@ -55,6 +57,13 @@ class FittedParameter:
     at_bound: bool = False
     unit: str = ""
     matters: bool = False
+
+    @property
+    def is_hidden(self) -> bool:
+        """Whether it is clearly off, by itself: a remark where the gap is none."""
+        return not self.ci95[0] <= self.default <= self.ci95[1] and abs(self.value - self.default) > OFF * abs(
+            self.default
+        )
 
     @property
     def is_doubtful(self) -> bool:
@@ -137,6 +146,10 @@ def calibrate(
         results.append(fit_parameters(simulation, free, fitted, whole))
     best = min(results, key=lambda result: result.cost)
     effects = [e for e in library() if not e.edits and not (e.reruns and seconds > SLOW_S)]
+    if seconds > SLOW_S:
+        free = replace(
+            free, notes=(*free.notes, "effects that run the slow simulation again were not tried beside them")
+        )
     return _assemble(spec, free, best, choose(best, effects, progress), held)
 
 
@@ -144,7 +157,8 @@ def calibrate(
 class FreedParameters:
     """What parameters explain of a gap: those that are `freed`, the effect beside them, and what does as well.
 
-    `simulation` has their values, `setting` holds them for a composition (None if none is freed).
+    `simulation` has their values, `setting` holds them for a composition (None if none is freed). They `competed` with
+    the effects unless there are none.
     """
 
     simulation: Simulation
@@ -153,6 +167,7 @@ class FreedParameters:
     effect: str = ""
     alternatives: tuple[Alternative, ...] = ()
     notes: tuple[str, ...] = ()
+    competed: bool = False
 
 
 def free_parameters(
@@ -175,7 +190,12 @@ def free_parameters(
     progress("fitting the simulation's parameters", 0.0)
     traces = open_logged(simulation, real)
     seconds = time_equal_calls(simulation, real, traces, spec)
-    progress(f"fitting the simulation's parameters{tell_time(RUNS * (len(free.numbers) + 1), seconds)}", 0.0)
+    runs = RUNS * (len(free.numbers) + 1)
+    if not fit and runs * seconds > MAX_UNASKED_S:
+        how = "name those that may be off with --fit, or run `ces calibrate`"
+        note = f"the parameters keep their values: to fit them takes{tell_time(runs, seconds).strip(':')}; {how}"
+        return FreedParameters(simulation, notes=(*free.notes, note))
+    progress(f"fitting the simulation's parameters{tell_time(runs, seconds)}", 0.0)
     found = fit_parameters(simulation, free, traces if has_held_out else set_aside(traces)[0], {}, twin)
     tried = [e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > SLOW_S)]
     choice = choose(found, tried, progress)
@@ -183,7 +203,16 @@ def free_parameters(
     alternatives = tuple(Alternative(tuple(estimate(found, h)), _setting_of(h)) for h in choice.alternatives)
     setting = best.fit.composition.settings[0] if best.fit is not None and freed else None
     changed, effect = simulation.with_values({p.name: p.value for p in freed}), best.effect.name if best.effect else ""
-    return FreedParameters(changed, freed, setting, effect, alternatives, free.notes)
+    whole = Hypothesis(found.determined, None, found.fit, 0.0)
+    notes = () if best.fit is not None else tuple(_note_hidden(p) for p in estimate(found, whole) if p.is_hidden)
+    return FreedParameters(changed, freed, setting, effect, alternatives, (*free.notes, *notes), competed=True)
+
+
+def _note_hidden(p: FittedParameter) -> str:
+    return (
+        f"{p.name}: {p.value:.4g} ({p.ci95[0]:.4g} to {p.ci95[1]:.4g}) fits better than {p.default:.4g}, but what it "
+        "changes lies within twice the noise"
+    )
 
 
 def tell_time(runs: int, seconds: float) -> str:

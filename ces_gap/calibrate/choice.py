@@ -8,6 +8,7 @@ no law is exactly true.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -25,9 +26,11 @@ from ces_gap.progress import Progress, ignore_progress
 VISIBLE = 2.0  # deviations of the noise: a gap up to this is none (without this gate clean simulations are blamed)
 MAX_REST = 0.5  # of a rest that is a visible gap by itself: what explains more of it is found beside the parameters
 CANDIDATES = 3  # effects that are tried beside the parameters: of the best without and of the best beside them
-SAME_SHARE = 2e-4  # of the gap's energy: an effect that leaves as little as parameters to this is what they are
+SAME = 10.0  # whitened energy, of noise alone: an effect that leaves as little as parameters to this is what they are
 MAX_FREED = 4  # parameters that are freed together, unless all are
+MAX_SETS = 2000  # of one size; of very many parameters fewer are freed together
 MAX_REFITS = 8  # hypotheses that are refitted, best first
+MAX_ALIKE = 3  # more of them, which leave as little with no more causes
 REFIT_SHARE = 0.1  # of the gap's energy by which one that is refitted may leave more on the tangents than the best
 
 
@@ -69,7 +72,8 @@ def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = 
     if energy <= VISIBLE**2 * len(residual):
         return Choice(nothing, (), found.fit)
     alone = fit_promising(found.evidence, effects, CANDIDATES, progress)
-    joints = _fit_beside(found, alone, fit_promising(found.beside(), effects, CANDIDATES, progress))
+    all_freed = found.beside(found.determined, found.searched[list(found.determined)])
+    joints = _fit_beside(found, alone, fit_promising(all_freed, effects, CANDIDATES, progress))
     tangents, simple = [_Tangent.at(found, j) for j in joints], [nothing, *(_hypothesis(found, (), f) for f in alone)]
     best, *others = _refit_best(found, tangents, simple, energy, progress)
     rest = best.left - len(residual)
@@ -77,7 +81,8 @@ def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = 
         again, *ties = _refit_best(found, tangents, simple, rest, progress)
         if again.left - len(residual) < MAX_REST * rest:
             best, others, energy = again, ties, rest
-    best, *others = _choose_minimal([_finish(found, h) for h in (best, *others)], energy, len(residual))
+    instead = _replace_parameters(found, best, effects, progress) if best.effect is None else []
+    best, *others = _choose_minimal([_finish(found, h) for h in (best, *others, *instead)], energy, len(residual))
     whole = next((j for j in joints if _effect_of(found, j) == best.effect), found.fit)
     return Choice(best, tuple(others), whole and fit_to_the_end(found.evidence, whole.effects, whole.searched))
 
@@ -91,12 +96,30 @@ def _refit_best(
 ) -> list[Hypothesis]:
     """Return the best hypothesis and its alternatives; a parameter costs its share of a gap of this energy."""
     drafts = _without_needless([d for tangent in tangents for d in tangent.drafts(PARAMETER * energy)])
-    close = [d for d in drafts if d.cost < drafts[0].cost + REFIT_SHARE * energy][:MAX_REFITS]
+    best, noise = drafts[0], len(found.default_residual)
+    close = [d for d in drafts if d.cost < best.cost + REFIT_SHARE * energy][:MAX_REFITS]
+    alike = [d for d in drafts if d.left < best.left + noise and len(d.members) <= len(best.members)]
+    close += [d for d in alike if d not in close][:MAX_ALIKE]
     refitted = []
     for k, draft in enumerate(close):
         progress("refitting explanations", k / len(close))
         refitted.append(_hypothesis(found, draft.places, fit_from(found.evidence, draft.effects(found), draft.start)))
-    return _choose_minimal([*simple, *refitted], energy, len(found.default_residual))
+    return _choose_minimal([*simple, *refitted], energy, noise)
+
+
+def _replace_parameters(
+    found: ParameterFit, best: Hypothesis, effects: Sequence[Effect], progress: Progress
+) -> list[Hypothesis]:
+    """Return the hypotheses with an effect in the place of each parameter of the best one."""
+    instead = []
+    for k in range(len(best.places) if best.fit is not None else 0):
+        places, at = best.places[:k] + best.places[k + 1 :], np.delete(best.fit.searched, k)  # type: ignore[union-attr]
+        for f in fit_promising(found.beside(places, at), effects, 1, progress):
+            start = np.concatenate([at, f.searched])
+            instead.append(
+                _hypothesis(found, places, fit_from(found.evidence, found.beside_effect(f.effects[0], places), start))
+            )
+    return instead
 
 
 def _hypothesis(found: ParameterFit, places: tuple[int, ...], fit: EffectFit) -> Hypothesis:
@@ -126,12 +149,13 @@ def _fit_beside(found: ParameterFit, alone: Sequence[EffectFit], beside: Sequenc
     return [found.fit, *(fit_from(found.evidence, found.beside_effect(effects[k]), at) for k, at in starts.items())]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Draft:
-    """A hypothesis on the tangents: its cost with prices, and the searched values from which it is refitted."""
+    """A hypothesis on the tangents: what it leaves, its cost with prices, and the values from which it is refitted."""
 
     places: tuple[int, ...]
     effect: Effect | None
+    left: float
     cost: float
     start: F
 
@@ -167,7 +191,9 @@ class _Tangent:
     def drafts(self, price: float) -> list[_Draft]:
         """Return every hypothesis of this effect and a few parameters, or all, that the data determine together."""
         count = len(self.found.effect.free)
-        few = [p for size in range(min(MAX_FREED, count) + 1) for p in combinations(range(count), size)]
+        few: list[tuple[int, ...]] = []
+        for size in range(min(MAX_FREED, count) + 1):
+            few += combinations(range(count), size) if math.comb(count, size) <= MAX_SETS else ()
         found = [self._draft(places, price) for places in dict.fromkeys((*few, self.found.determined))]
         return [draft for draft in found if draft is not None]
 
@@ -187,8 +213,8 @@ class _Tangent:
             return None
         moved = inverse @ right
         returned = float(back @ self.gram[np.ix_(held, held)] @ back - 2.0 * self.slope[held] @ back)
-        cost = self.energy + returned - float(right @ moved) + price * len(free)
-        return _Draft(places, self.effect, cost, self.searched[free] + moved)
+        left = self.energy + returned - float(right @ moved)
+        return _Draft(places, self.effect, left, left + price * len(free), self.searched[free] + moved)
 
 
 def _without_needless(drafts: Sequence[_Draft]) -> list[_Draft]:
@@ -217,7 +243,7 @@ def _choose_minimal(hypotheses: Sequence[Hypothesis], energy: float, noise: floa
     ]
     minimal = [h for h in close if not any(other.members < h.members for other in close)]
     without = [h.left for h in minimal if h.effect is None]
-    minimal = [h for h in minimal if h.effect is None or all(abs(h.left - o) > SAME_SHARE * energy for o in without)]
+    minimal = [h for h in minimal if h.effect is None or all(abs(h.left - o) > SAME for o in without)]
     seen: dict[frozenset[object], Hypothesis] = {}
     for h in minimal:
         seen.setdefault(h.members, h)

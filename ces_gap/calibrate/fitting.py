@@ -118,14 +118,12 @@ class ParameterFit:
         """Whitened sum of squares, cross-fitted."""
         return float(self.default_residual @ self.default_residual) if self.fit is None else self.fit.cost
 
-    def beside(self) -> Evidence:
-        """Return the evidence of the fitted simulation, without the directions that the parameters fill."""
-        if self.fit is None:
-            return self.evidence
-        values = values_of(self.effect.hold_others(self.determined), self.fit.searched)
-        fitted = self.effect.simulation.with_values(values)
+    def beside(self, places: Sequence[int], searched: F) -> Evidence:
+        """Return the evidence with parameters at searched values, without the directions that they fill."""
+        effect = self.effect.hold_others(places)
+        fitted = self.effect.simulation.with_values(values_of(effect, searched))
         traces = [replace(t, simulated=DirectSimulator(fitted).force(t, t.inputs)) for t in self.evidence.traces]
-        features = signatures(self.effect.hold_others(self.determined), self.fit.searched, traces)
+        features = signatures(effect, searched, traces)
         size = np.linalg.norm(np.concatenate(features), axis=0) / self.evidence.noise.rms_N
         covariance = np.diag((BIG / np.maximum(size, 1e-300)) ** 2)
         plant = Plant(DirectSimulator(fitted), twin=self.twin)

@@ -23,16 +23,12 @@ from ces_gap.inference.judgement import ALTERNATIVES, UNCERTAIN
 from ces_gap.report.calibration import describe_alternative, describe_values
 from ces_report.typesetting import format_number, join_with
 
-WITHIN_NOISES = 2.0  # times the noise: a rest up to this beside parameters is none where no effect was found in it
-
 
 def with_parameters(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
     """Return the diagnosis of the calibrated simulation as one of the original: its parameters are a cause, too."""
     if chosen.setting is None:
         d = replace(d, sentence=format_verdict(d) + describe_rare(d) + describe_timing(d))
         return _with_alternatives(d, chosen) if d.verdict in (NAMED, AMBIGUOUS) else d
-    if not chosen.effect and d.gap.corrected_N <= WITHIN_NOISES * d.gap.noise_floor_N:
-        d = replace(d, verdict=NO_GAP)
     parameters = _explain(d, chosen, chosen.setting)
     sentence = f"{describe_values(chosen.freed)}. With {_count(chosen)} the gap shrinks from "
     sentence += f"{_newtons(d.gap.rms_N)} to {_newtons(d.gap.corrected_N)} RMS on held-out recordings."
@@ -84,14 +80,14 @@ def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
     """Return the diagnosis with what explains the gap as well, and with what makes a value a doubt."""
     doubts = [p.name for p in chosen.freed if p.is_doubtful]
     text, verdict, doubt, others = d.sentence, d.verdict, d.doubt, d.alternatives
-    if chosen.alternatives and verdict != UNKNOWN:
-        texts = [describe_alternative(one) for one in chosen.alternatives]
-        names = [NAME if a.parameters else "" for a in chosen.alternatives]
-        names += [a.effect.name for a in chosen.alternatives if a.effect is not None]
-        others = tuple(dict.fromkeys((*others, *(n for n in names if n and n not in d.composition.effects))))
-        text += f" As much would be explained by {'; or by '.join(texts)}."
+    found = {*(p.name for p in chosen.freed), *d.composition.effects} - {NAME}
+    instead = [one for one in chosen.alternatives if {*one.names} != found]
+    if instead and verdict != UNKNOWN:
+        names = [NAME if a.effect is None else a.effect.name for a in instead]
+        others = tuple(dict.fromkeys((*others, *(n for n in names if n not in d.composition.effects))))
+        text += f" As much would be explained by {'; or by '.join(map(describe_alternative, instead))}."
         verdict, doubt = AMBIGUOUS, ALTERNATIVES
-        d = replace(d, explained_as_well=tuple(one.names for one in chosen.alternatives))
+        d = replace(d, explained_as_well=tuple(one.names for one in instead))
     if doubts:
         text += f" {join_with(doubts)} lies at a bound or far from the default: a sign that something is missing."
         verdict, doubt = (AMBIGUOUS, doubt or UNCERTAIN) if verdict == NAMED else (verdict, doubt)

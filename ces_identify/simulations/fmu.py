@@ -245,7 +245,7 @@ class FmuSimulation(Simulation):
     interpolates: bool
     step_s: float
     declared: tuple[tuple[Parameter, int], ...] = ()
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -59,7 +59,7 @@ class FunctionSimulation(Simulation):
 
     name: str
     function: ForceFunction
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

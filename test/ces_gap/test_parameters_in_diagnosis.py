@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -100,3 +101,10 @@ def test_a_simulation_that_fails_while_it_is_fitted_loses_nothing_else(monkeypat
     d = diagnose(simulation, "f", made[:2], made[2:], options=DiagnoseOptions(experiment=False))
     assert "friction" in d.composition.effects
     assert any("parameters of the simulation not available: f: two equal calls" in note for note in d.notes)
+
+
+def test_a_parameter_that_is_off_behind_the_noise_is_a_remark() -> None:
+    d = diagnose_own("knee", {"gas_N_m": 2000.0})
+    assert d.verdict == NO_GAP
+    (note,) = (note for note in d.notes if note.startswith("gas_N_m: "))
+    assert re.fullmatch(r"gas_N_m: (19|20)\d\d \(.* fits better than 1500, but .* lies within twice the noise", note)

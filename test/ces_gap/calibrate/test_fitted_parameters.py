@@ -9,7 +9,7 @@ import pytest
 
 from bench.gaps.users_dampers import SIMULATORS, bouc_wen, filtered_speed, knee, record
 from ces_data.arrays import F
-from ces_gap.calibrate.calibration import calibrate
+from ces_gap.calibrate.calibration import calibrate, free_parameters
 from ces_gap.errors import GapError
 from ces_gap.report.calibration import calibration_content, describe
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation
@@ -71,8 +71,8 @@ def test_of_a_whole_number_each_value_is_tried() -> None:
     fake = [with_force(r, whole.with_values({"stages": 3.0, "gain_N": 130.0})) for r in recordings]
     result = calibrate(whole, "staged", fake, fit=["stages=1..4", "gain_N"])
     assert {p.name: round(p.value) for p in result.parameters} == {"stages": 3, "gain_N": 130}
-    assert calibrate(whole, "staged", fake).notes == (
-        "stages is not fitted: it is a whole number (1); give --fit stages=LOW..HIGH to try each, or write 1.0",
+    assert calibrate(whole, "staged", fake).notes[0] == (
+        "stages is not fitted: it is a whole number (1); give --fit stages=LOW..HIGH to try each, or write 1.0"
     )
 
 
@@ -134,3 +134,12 @@ def test_a_default_of_zero_needs_a_range_and_predictions_have_no_parameters() ->
     ]
     (offset,) = calibrate(FunctionSimulation("f", free), "f", recordings, fit=["offset_N=-100..100"]).parameters
     assert offset.value == pytest.approx(-30.0, abs=0.5)
+
+
+def test_a_diagnosis_does_not_fit_for_an_hour_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ces_gap.calibrate.calibration.MAX_UNASKED_S", 0.0)
+    recordings = [record("knee", {"knee_m_s": 0.2}, 1, seconds=6.0)]
+    fixed = free_parameters(simulation("knee"), "knee", recordings, True, (), None)
+    assert not fixed.competed and "the parameters keep their values" in fixed.notes[0]
+    asked = free_parameters(simulation("knee"), "knee", recordings, True, (), None, ["knee_m_s"])
+    assert [p.name for p in asked.freed] == ["knee_m_s"]
