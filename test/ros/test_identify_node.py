@@ -69,7 +69,7 @@ def test_a_model_is_identified_told_and_taken_over_by_a_running_observer(
     vehicle.meets_node()
     node = begin(time=60.0, starts=1, report=tmp_path / "report.html", termz=3)
     wait(lambda: bool(listener.results), "the costs")
-    listener.hears("done")
+    wait(lambda: any(status.message == "done" for status in list(listener.progress)), "done")  # not "starts done"
     stages = dict.fromkeys(values(status)["stage"] for status in listener.progress)
     assert [stage for stage in stages if stage != "starting"] == ["reading", "searching", "writing", "done"]
     assert 0.0 < float(values(listener.progress[-1])["J [%]"]) < 100.0
