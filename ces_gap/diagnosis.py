@@ -195,7 +195,8 @@ def describe_timing(diagnosis: Diagnosis) -> str:
     timing = f" The simulation's timing of its inputs ({found}) is"
     if diagnosis.correction is not None or not describe_correction(diagnosis):
         return f"{timing} corrected first."
-    return f"{timing} a cause, too: corrected, {_newtons(gap.corrected_N)} of {_newtons(gap.rms_N)} RMS are left."
+    cause = "the cause" if diagnosis.verdict == NO_GAP else "a cause, too"
+    return f"{timing} {cause}: corrected, {_newtons(gap.corrected_N)} of {_newtons(gap.rms_N)} RMS are left."
 
 
 def describe_rare(diagnosis: Diagnosis) -> str:
@@ -217,6 +218,8 @@ def _describe_no_gap(diagnosis: Diagnosis) -> str:
     noise = f"the measurement noise of {gap.noise_floor_N:.1f} N RMS (from {gap.noise_source})"
     if reason == WITHIN_TOLERANCE:
         limit = f"the tolerance of {diagnosis.tolerance_N:.1f} N"
+        if diagnosis.probe.corrected and gap.rms_N > diagnosis.tolerance_N:
+            return f"No gap beyond the timing of the simulation's inputs: {left_N:.1f} N RMS remain, within {limit}."
         return f"No gap above {limit}: {left_N:.1f} N RMS between simulation and measurement."
     known = [float(f"{s.trace.own_error_N:.3g}") for s in diagnosis.held_out]
     if reason == WITHIN_BASELINE and any(known):

@@ -7,6 +7,7 @@ A `Field` checks a value, explains an error and gives a JSON Schema. A frozen da
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cache
@@ -14,9 +15,11 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from ces_observer.errors import CesError
+from ces_observer.json_text import quote
 
 T = TypeVar("T")
 Schema = dict[str, Any]
+LARGEST = sys.float_info.max
 REQUIRED: Any = ...  # the default of a field that must be given
 KINDS = {bool: "truth values", int: "whole numbers", float: "numbers", str: "texts", Path: "paths"}
 ONE = {bool: "true or false", int: "a whole number", float: "a number", str: "a text", Path: "a path"}
@@ -87,7 +90,7 @@ class Field:
                 raise error(f"{where} is {value!r}; expected {self.expected}")
             return [self.one.check(item, where, error) for item in items]
         if not self._accepts(value):
-            raise error(f"{where} is {value!r}; expected {self.expected}")
+            raise error(f"{where} is {quote(value)}; expected {self.expected}")
         if self.check_text is not None:
             self._check_text(value, error, f"{where}: ")
         return float(value) if self.kind is float else value
@@ -124,7 +127,7 @@ class Field:
         if self.kind in (bool, int):
             good = type(value) is self.kind
         elif self.kind is float:
-            good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+            good = isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
         else:
             good = isinstance(value, str | Path if self.kind is Path else str)
         if not good or self.kind not in (int, float):
