@@ -125,10 +125,15 @@ def _at_steps(network: Hydraulic, tick_s: float, step_s: float) -> Hydraulic:
 
 
 def _exchange(into: Any, before: Any, after: Any, share: float, names: Sequence[str]) -> Any:
-    """Return the record `into` with the fields `names`, also those of records in it, between `before` and `after`."""
+    """Return the record `into` with the fields `names`, also those of records in it, between `before` and `after`.
+
+    A part that these have not, such as a bypass, stays as it is.
+    """
     changed = {}
     for field in fields(into):
         own, low, high = (getattr(record, field.name) for record in (into, before, after))
+        if low is None or high is None:
+            continue
         if field.name in names:
             changed[field.name] = _between(low, high, share)
         elif is_dataclass(own):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hydraulic_models import make_hydraulic
+from hydraulic_models import GROOVE, make_hydraulic
 from physical_models import PLAIN_VALVE
 from twin_traces import traced
 
@@ -16,6 +16,7 @@ from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import Plant
 from ces_gap.baseline.twin import STEP_S, Twin
 from ces_gap.effects.effect import Composition
+from ces_gap.effects.network import TwinRun
 from ces_gap.effects.refitted import PARTS, StoredVolume
 from ces_gap.grid import rms
 from ces_gap.inference.both_sides import fit_both_sides, is_static
@@ -75,6 +76,12 @@ def test_without_the_part_the_network_explains_less(fit: EffectFit) -> None:
     without = Composition(tuple(s for s in fit.composition.settings if s.name != "compressibility"))
     whole, less = (known.residual(known.forces(c)) for c in (fit.composition, without))
     assert less @ less > 2.0 * whole @ whole
+
+
+def test_a_twin_with_a_groove_takes_the_numbers_of_networks_without_one() -> None:
+    run = TwinRun(replace(SOFT, bypass=GROOVE), *np.zeros((3, 5)), STEP_S)
+    edited = StoredVolume(STATIC, SOFT, STEP_S).edit(run, [0.0]).body
+    assert edited.bypass == GROOVE and edited.compression_m_N == STATIC.compression_m_N
 
 
 def test_it_survives_its_file(fit: EffectFit, tmp_path: Path) -> None:
