@@ -27,8 +27,8 @@ MAY_IMPORT = {  # ces_gap and ces_rig never know each other
 }
 ROOMS = {  # folders and modules of each package from the bottom up: each imports only what stands before it
     "ces_observer": (
-        "arrival_clock errors json_text fields options current_hold lazy_names proof reasons tick core flat kalman bank_design "
-        "signals band structures cdr model sampling_layout estimator damper_observer health control nodes"
+        "arrival_clock errors json_text fields options current_hold lazy_names proof reasons tick core flat kalman "
+        "bank_design signals band structures cdr model sampling_layout estimator damper_observer health control nodes"
     ),
     "ces_data": (
         "arrays compilation recording integration config_file log_formats units bags findings samples signals_file "
