@@ -11,7 +11,7 @@ import numpy as np
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
-from ces_gap.calibrate.choice import Choice, Hypothesis, choose
+from ces_gap.calibrate.choice import ChosenExplanation, Hypothesis, choose
 from ces_gap.calibrate.fitting import (
     ParameterFit,
     fit_on_others,
@@ -223,7 +223,7 @@ def tell_time(runs: int, seconds: float) -> str:
 
 
 def _assemble(
-    spec: str, free: FreeParameters, best: ParameterFit, choice: Choice, held: Sequence[Trace]
+    spec: str, free: FreeParameters, best: ParameterFit, choice: ChosenExplanation, held: Sequence[Trace]
 ) -> Calibration:
     """Return the result; under a missing effect, the parameters are those of the joint fit."""
     fit, simulation = choice.whole, best.effect.simulation
@@ -259,7 +259,7 @@ def _list_whole(best: ParameterFit) -> list[FittedParameter]:
     return [FittedParameter(n, v, (v, v), defaults[n], matters=v != defaults[n]) for n, v in best.whole.items()]
 
 
-def _list_numbers(best: ParameterFit, choice: Choice) -> list[FittedParameter]:
+def _list_numbers(best: ParameterFit, choice: ChosenExplanation) -> list[FittedParameter]:
     """Return the fitted parameters with their intervals, and those that keep their defaults."""
     whole = Hypothesis(best.determined, choice.best.effect, choice.whole, 0.0)
     freed = {best.effect.free[k].name for k in choice.best.places}

@@ -57,7 +57,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ChosenExplanation:
     """The best hypothesis, those that do as well, and the fit of all parameters beside the best one's effect."""
 
     best: Hypothesis
@@ -65,12 +65,12 @@ class Choice:
     whole: EffectFit | None
 
 
-def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = ignore_progress) -> Choice:
+def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = ignore_progress) -> ChosenExplanation:
     """Return the choice among the parameters that were `found` and the effects."""
     residual, energy = found.default_residual, found.gap_energy
     nothing = Hypothesis((), None, None, float(residual @ residual))
     if energy <= VISIBLE**2 * len(residual):
-        return Choice(nothing, (), found.fit)
+        return ChosenExplanation(nothing, (), found.fit)
     alone = fit_promising(found.evidence, effects, CANDIDATES, progress)
     all_freed = found.beside(found.determined, found.searched[list(found.determined)])
     joints = _fit_beside(found, alone, fit_promising(all_freed, effects, CANDIDATES, progress))
@@ -84,7 +84,9 @@ def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = 
     instead = _replace_parameters(found, best, effects, progress) if best.effect is None else []
     best, *others = _choose_minimal([_finish(found, h) for h in (best, *others, *instead)], energy, len(residual))
     whole = next((j for j in joints if _effect_of(found, j) == best.effect), found.fit)
-    return Choice(best, tuple(others), whole and fit_to_the_end(found.evidence, whole.effects, whole.searched))
+    return ChosenExplanation(
+        best, tuple(others), whole and fit_to_the_end(found.evidence, whole.effects, whole.searched)
+    )
 
 
 def _refit_best(

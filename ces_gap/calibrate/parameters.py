@@ -129,10 +129,10 @@ def find_groups(jacobian: F, covariance: F, determined: Sequence[int], names: Se
         weights = np.linalg.lstsq(columns, jacobian[:, k], rcond=1e-9)[0] * np.linalg.norm(columns, axis=0)
         near = [names[j] for j, w in zip(determined, weights.tolist(), strict=True) if abs(w) > SHARE * size]
         groups += [(names[k], *near)] if near else []
-    return groups + _correlated(covariance, [names[k] for k in determined])
+    return groups + _find_correlated(covariance, [names[k] for k in determined])
 
 
-def _correlated(covariance: F, names: Sequence[str]) -> list[tuple[str, ...]]:
+def _find_correlated(covariance: F, names: Sequence[str]) -> list[tuple[str, ...]]:
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     close: NDArray[np.bool_] = np.abs(covariance / np.outer(size, size)) > MOVES_TOGETHER
     pairs = zip(*np.nonzero(np.triu(close, 1)), strict=True)

@@ -14,7 +14,7 @@ from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters
 from ces_gap.inference.judgement import WITHIN_TIMING, GapSize, Judgement, SearchFindings
-from ces_gap.inference.odds import Calibration, VerdictFigures, probabilities
+from ces_gap.inference.odds import OddsWeights, VerdictFigures, probabilities
 from ces_gap.inference.search import (
     EffectSearchResult,
     compute_paired_gain,
@@ -33,7 +33,7 @@ def collect_findings(
     baseline: Baseline,
     result: EffectSearchResult,
     simulation: TraceSimulator,
-    weights: Calibration,
+    weights: OddsWeights,
     tolerance: float | None = None,
     is_recorded: bool = False,
 ) -> SearchFindings:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ces_gap.inference.fit import Z95
-from ces_gap.inference.odds import Calibration, Probabilities, VerdictFigures
+from ces_gap.inference.odds import OddsWeights, Probabilities, VerdictFigures
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
 CALIBRATION, TIMING, PARAMETERS = "calibration", "simulation_timing", "parameters"  # errors of the simulation itself
@@ -70,7 +70,7 @@ class SearchFindings:
 
     figures: VerdictFigures
     odds: Probabilities
-    weights: Calibration
+    weights: OddsWeights
     size: GapSize
     rest_N: float
     visible_from_N: float

@@ -40,7 +40,7 @@ class VerdictFigures:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class OddsWeights:
     """Weights of the logistic model for `gap_features` and `unknown_features`, and `sharpness` of the choice of effect.
 
     A cause is named only if the probability of a gap is at least `least_gap`, and that of a known effect in a gap at
@@ -103,7 +103,7 @@ class Probabilities:
         return Probabilities(self.none, unknown, {name: p * share for name, p in self.effects.items()})
 
 
-def calibration(mode: str = "references") -> Calibration:
+def calibration(mode: str = "references") -> OddsWeights:
     """Return the weights of a mode from `calibration.json`.
 
     Modes are "references" and "no_references" for a simulation that is run, "predictions" for recorded ones, and
@@ -111,7 +111,7 @@ def calibration(mode: str = "references") -> Calibration:
     """
     weights = json.loads((files("ces_gap.inference") / "calibration.json").read_text(encoding="utf-8"))[mode]
     gap, unknown = (tuple(map(float, weights[name])) for name in ("gap", "unknown"))
-    return Calibration(gap, unknown, *(float(weights[name]) for name in ("sharpness", "least_gap", "least_known")))
+    return OddsWeights(gap, unknown, *(float(weights[name]) for name in ("sharpness", "least_gap", "least_known")))
 
 
 def gap_features(figures: VerdictFigures) -> F:
@@ -130,7 +130,7 @@ def probabilities(
     figures: VerdictFigures,
     unexplained: Mapping[str, float],
     composition: Sequence[str],
-    weights: Calibration,
+    weights: OddsWeights,
     twin_error: float = 0.0,
 ) -> Probabilities:
     """Return the probabilities from the share that each effect leaves unexplained (`min_unexplained_shares`).

@@ -11,7 +11,7 @@ from made_recordings import recording_of
 
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
-from ces_gap.inference.odds import Calibration
+from ces_gap.inference.odds import OddsWeights
 from ces_gap.trace import Trace, open_trace
 from ces_identify.simulations.simulation import FunctionSimulation
 
@@ -19,7 +19,7 @@ Truth = Callable[[F, F, F], F]  # time [s], position [m], current [A] -> force [
 
 RATE_HZ = 500.0
 NOISE_N = 8.0
-WEIGHTS = Calibration((-2.0, 1.5, 2.5), (3.0, 2.5, 3.0, 0.5), 3.0, 0.5, 0.5)  # plain ones, none of the package's
+WEIGHTS = OddsWeights((-2.0, 1.5, 2.5), (3.0, 2.5, 3.0, 0.5), 3.0, 0.5, 0.5)  # plain ones, none of the package's
 
 
 def damper(time_s: F, position_m: F, current_A: F) -> F:

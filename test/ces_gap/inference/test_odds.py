@@ -10,7 +10,7 @@ from engine_plant import WEIGHTS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_gap.inference.odds import Calibration, Probabilities, VerdictFigures, calibration, probabilities
+from ces_gap.inference.odds import OddsWeights, Probabilities, VerdictFigures, calibration, probabilities
 
 CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 0)
 
@@ -74,7 +74,7 @@ def test_a_clear_cause_is_most_probable_and_a_marginal_one_is_not() -> None:
 @pytest.mark.parametrize("mode", ["references", "no_references", "predictions", "identified"])
 def test_calibrated_weights_are_complete_and_finite(mode: str) -> None:
     weights = calibration(mode)
-    assert isinstance(weights, Calibration)
+    assert isinstance(weights, OddsWeights)
     for field in fields(weights):
         assert np.isfinite(getattr(weights, field.name)).all(), field.name
     assert min(weights.gap[1:]) >= 0.0 and min(weights.unknown[1:]) >= 0.0

@@ -29,7 +29,7 @@ from ces_gap.inference.judgement import (
     SearchFindings,
     VerdictEvidence,
 )
-from ces_gap.inference.odds import Calibration, Probabilities, VerdictFigures
+from ces_gap.inference.odds import OddsWeights, Probabilities, VerdictFigures
 from ces_gap.inference.verdict import CLEARLY_MORE, HALF, TENTH, confirm_ties, judge, leaves_clearly_more
 
 CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 0)
@@ -235,7 +235,7 @@ SEARCH = st.builds(
     SearchFindings,
     figures=ANY.map(lambda share: replace(CLEAR, unexplained=share)),
     odds=st.builds(Probabilities, ANY, ANY, st.dictionaries(st.sampled_from(NAMES), ANY)),
-    weights=st.tuples(SHARE, SHARE).map(lambda least: Calibration((), (), 1.0, *least)),
+    weights=st.tuples(SHARE, SHARE).map(lambda least: OddsWeights((), (), 1.0, *least)),
     size=GAP_SIZES,
     rest_N=SIZES,
     visible_from_N=SIZES,
