@@ -137,6 +137,8 @@ def describe_correction(diagnosis: Diagnosis) -> str:
     """Return the words that tell the corrected gap from the original one where the correction takes a part of it."""
     if not diagnosis.gap.corrected_N < MIN_CORRECTED * diagnosis.gap.rms_N:
         return ""
+    if PARAMETERS in diagnosis.composition.effects:
+        return " that the parameters leave"
     return " beyond the timing of its inputs" if diagnosis.correction is None else " beyond the simulation's own error"
 
 

@@ -19,7 +19,7 @@ from ces_gap.diagnosis import (
     format_verdict,
 )
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.inference.judgement import ALTERNATIVES, UNCERTAIN
+from ces_gap.inference.judgement import ALTERNATIVES, REMAINS, UNCERTAIN
 from ces_gap.report.calibration import describe_alternative, describe_values
 from ces_report.typesetting import format_number, join_with
 
@@ -34,10 +34,13 @@ def with_parameters(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
     sentence += f"{_newtons(d.gap.rms_N)} to {_newtons(d.gap.corrected_N)} RMS on held-out recordings."
     if d.verdict == NO_GAP:
         d = replace(d, verdict=NAMED, no_gap_reason="", composition=parameters, sentence=sentence, alternatives=())
-        d = replace(d, by_region=(), next_experiment=None, probability_none=0.0)
+        d = replace(d, next_experiment=None, probability_none=0.0)
     else:
         beyond = replace(d, gap=replace(d.gap, rms_N=d.gap.corrected_N, ci95_N=d.gap.corrected_ci95_N))
-        d = replace(d, sentence=f"{sentence} Beside {_count(chosen)}: {_lower(format_verdict(beyond))}")
+        text = f"{sentence} Beside {_count(chosen)}: {_lower(format_verdict(beyond))}{describe_rare(d)}"
+        d = replace(d, sentence=text)
+        if d.verdict == UNKNOWN and d.gap.corrected_N <= d.tolerance_N:  # only a short deviation is left
+            d = replace(d, verdict=AMBIGUOUS, doubt=REMAINS)
         d = replace(d, composition=_join(parameters, d.composition))
     return _with_alternatives(_weigh(d, parameters), chosen)
 
@@ -52,9 +55,13 @@ def _explain(d: Diagnosis, chosen: FreedParameters, setting: Setting) -> Explana
 
 
 def _join(parameters: Explanation, effects: Explanation) -> Explanation:
-    """Return the explanation by the parameters and effects beside them."""
+    """Return the explanation by the parameters and effects beside them; both shrink the original gap."""
+    left = 1.0 - parameters.shrink
+    shrink, *ends = (1.0 - left * (1.0 - share) for share in (effects.shrink, *effects.shrink_ci95))
     return replace(
         effects,
+        shrink=shrink,
+        shrink_ci95=(ends[0], ends[1]),
         effects=(*parameters.effects, *effects.effects),
         forms=(*parameters.forms, *effects.forms),
         composition=Composition((*parameters.composition.settings, *effects.composition.settings)),
