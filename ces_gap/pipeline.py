@@ -197,5 +197,5 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
         correction=baseline.correction,
         figures=findings.figures,
         probe=inputs.probe,
-        rare=scores.rare,
+        rare=scores.rare if judgement.verdict in (NO_GAP, UNKNOWN) else scores.rare_left,
     )
