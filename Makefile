@@ -5,7 +5,7 @@
 # make test-fast  lint and the tests that are not marked slow: a developer's loop, a good minute
 # make test-bare  a part of the tests without those programs, as on a bare machine; .ci/run does this and then `test`
 # make bench   speed, each beside what it is compared with
-# make tables  the tables of figures in docs/, or those of TABLES='thesis read', by the commands in the pages; all take
+# make tables  the tables of figures in docs/, or those of TABLES='thesis measured', by the commands in the pages; all take
 #              days, some need ROS 2 or the measured recordings (CES_DATA=FOLDER)
 # make reference  docs/reference/*.md anew, from the declarations in the code
 # make docs    the documentation site, into out/site (its search needs a server: python3 -m http.server -d out/site)

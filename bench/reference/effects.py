@@ -18,7 +18,7 @@ UNITS = (  # ends of parameters' names, the longest first
 )  # fmt: skip
 HEAD = """
 What a damper, its mounting and its sensors do that a simulation may lack. `ces diagnose` fits every form around the
-simulation, or inside its [twin](../gap.md#the-twin). F is the force inside an effect (the oil's, or that of effects
+simulation, or inside its [twin](../diagnose.md#the-twin). F is the force inside an effect (the oil's, or that of effects
 further in), an expression its force outside; x, v and i drive the simulation, which an effect may change to x', v', i'.
 All are positive in compression. "Neutral" is without any effect. Bounds are no priors: a value at one is flagged.
 """
