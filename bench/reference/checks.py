@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.reference.tables import table
-from bench.sense_faults import FAULTS, Change, SenseFault, change_values
+from bench.sense_faults import FAULTS, SenseFault, change_values
 from ces_data.checks.check import find_all_faults, find_differences
 from ces_data.findings import Finding
 from ces_data.reading import read_recording
@@ -17,14 +17,7 @@ from ces_data.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE, FIRST_S, SECONDS = ROOT / "bags" / "noise", 2.0, 8.0
-DIFFERENCES = ("force reversed", "force in kN")
-
-
-def repeat_stamps(recording: Recording) -> Recording:
-    """Return a recording in which thousands of positions in a row have one stamp."""
-    stamps = recording.channels["position"].stamps_ns.copy()
-    stamps[500:5500] = stamps[500]
-    return _with_position(recording, stamps_ns=stamps)
+DIFFERENCES = ("force reversed",)
 
 
 def step_back(recording: Recording) -> Recording:
@@ -53,15 +46,8 @@ def _with_position(recording: Recording, **changes: object) -> Recording:
     return replace(recording, channels={**recording.channels, "position": position})
 
 
-def set_constant(signal: str) -> Change:
-    """Return a change after which a signal has one value."""
-    return change_values(signal, lambda values: np.full_like(values, values[0]))
-
-
 STRUCTURAL = (
     SenseFault("no force samples", lose_force, ("force",)),
-    SenseFault("wrong type or field", change_values("force", lambda values: 1e30 * values), ("force",)),
-    SenseFault("one stamp for many samples", repeat_stamps, ("position",)),
     SenseFault("clock set back", step_back, ("position",)),
     SenseFault("times in ms", count_ms_as_s, ("position",)),
     SenseFault(
@@ -70,13 +56,11 @@ STRUCTURAL = (
     SenseFault(
         "position's counter overflows", change_values("position", lambda v: (v + 0.01) % 0.025 - 0.01), ("position",)
     ),
-    SenseFault("position constant", set_constant("position"), ("position",)),
-    SenseFault("force constant", set_constant("force"), ("force",)),
 )
 SHOWN = (
     *STRUCTURAL, *(fault for fault in FAULTS if fault.name in (
-        "force reversed", "force in kN", "current in percent of 1.6 A", "force 20 ms late", "current 50 ms late",
-        "all at 100 Hz", "force clipped at 50 %", "position with 40 levels", "position stuck for 10 % of the time",
+        "force in kN", "force 20 ms late", "current 50 ms late", "all at 100 Hz", "force clipped at 50 %",
+        "position stuck for 10 % of the time",
     )),
 )  # fmt: skip
 
