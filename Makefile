@@ -18,7 +18,7 @@ PYTHON ?= python3
 # A sourced ROS 2 puts its own Python's packages on PYTHONPATH: they have no place in this environment.
 RUN := env -u PYTHONPATH $(VENV)/bin
 OUT := out
-TABLES ?= thesis one-model
+TABLES ?= thesis
 CORE := $(wildcard ces_observer/tick/*.py ces_identify/export/c_*.py ces_identify/export/tick_module.c)
 
 .PHONY: demo test test-fast test-bare lint suite test-ros bench tables reference docs clean
