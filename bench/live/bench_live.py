@@ -52,7 +52,7 @@ class MedianRange:
         return cls(median(all_values), all_values[0], all_values[-1])
 
     def text(self, digits: int = 0) -> str:
-        return f"{self.middle:,.{digits}f} ({self.low:,.{digits}f} to {self.high:,.{digits}f})"
+        return f"{self.middle:,.{digits}f} ({self.low:,.{digits}f}…{self.high:,.{digits}f})"
 
 
 def median_range(runs: Sequence[GeneratorRun], name: str, scale: float = 1.0) -> MedianRange:

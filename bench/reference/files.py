@@ -19,13 +19,15 @@ OF_SIGNALS = ("signals", "import", "candidates")  # files whose first keys are s
 SIGNAL = re.compile(rf"^({'|'.join(NAMES)})\b")
 SENSOR = re.compile(rf"^sensors\.({'|'.join(NAMES)})\b")
 SKIPPED = re.compile(
-    r"^structures\.|\.parts\[\]|\.again\.|^(time|rate)\.(?!date)|^(name|description)$|^damper\.|^identify\.|^(stroke|current|rig)\.kind$"
+    r"^structures\.|^limits\.(time|target|starts|threads)$|\.parts\[\]|\.again\.|^(time|rate)\.(?!date)|^(name|description)$|^damper\.|^identify\.|^(stroke|current|rig)\.kind$"
 )
 SHARED = ("rig.", "actuator.")  # alike in all files
+OF_ALL_STROKES = ("offset_m", "fade_s")  # told at the top
 HEAD = """
 `ces schema NAME` prints the JSON Schema of a kind of file, with ranges and required keys; an editor that uses it
 completes and checks the file. SIGNAL is a signal's name (or `time`). Keys `rig` and
-`actuator` are alike in all files, `structures` has [options of `ces identify`](programs.md#identify). Other files:
+`actuator` are alike in all files; `structures` and `limits` of a campaign have [options of `ces
+identify`](programs.md#identify). A stroke also has `offset_m` (0) and `fade_s` (0.5), but for a sequence. Other files:
 parameters of [nodes](nodes.md), dampers of [the virtual rig](../rig.md).
 """
 MODEL = (
@@ -112,7 +114,8 @@ def _resolve(schema: Schema, root: Schema) -> Schema:
 
 def _values(one: Schema) -> str:
     if "keys" in one:
-        defaults = ((name, as_text(inner.get("default"))) for name, inner in one["keys"].items())
+        own = ((name, inner) for name, inner in one["keys"].items() if name not in OF_ALL_STROKES)
+        defaults = ((name, as_text(inner.get("default"))) for name, inner in own)
         return ", ".join(
             f"`{name}{': ' + default if default and len(default) < 20 else ''}`" for name, default in defaults
         )
