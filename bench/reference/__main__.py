@@ -1,4 +1,4 @@
-"""Write docs/reference/*.md, and the findings in docs/checks.md, from the declarations in the code.
+"""Write the reference pages, docs/reference/*.md, from the declarations in the code.
 
 python -m bench.reference
 """
@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from bench.markdown import replace_between
-from bench.reference.checks import findings_table
 from bench.reference.effects import effects_page
 from bench.reference.files import files_page
 from bench.reference.nodes import nodes_page
@@ -24,7 +22,6 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "effects": effects_page,
     "structures": structures_page,
 }
-CHECKS, FINDINGS = FOLDER.parent / "checks.md", "findings"  # a page by hand, and the name of the markers in it
 NOTE = "<!-- written by `make reference` from the declarations in the code: change them, not this page -->\n"
 
 
@@ -35,7 +32,6 @@ def main() -> None:
         text = page().rstrip()
         (FOLDER / f"{name}.md").write_text(f"{NOTE}{text}\n", encoding="utf-8")
         print(f"docs/reference/{name}.md: {len(text.split())} words")
-    replace_between(CHECKS, FINDINGS, findings_table())
 
 
 if __name__ == "__main__":

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from bench.reference.tables import codes, first_paragraph, paragraphs, span, table
-from ces_gap.effects.effect import SIMULATION, Effect, EffectParameter
+from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.effects.library import library
-from ces_gap.effects.simulation_errors import simulation_errors
 
 ACTS_ON = ("sensors' readings", "motion", "current", "force of the oil", "force", "measured force")  # from SENSOR on
 UNITS = (  # ends of parameters' names, the longest first
@@ -33,15 +32,12 @@ def effects_page() -> str:
         for e in (forms[0] for forms in groups)
     ]
     overview = table(("effect", "what", "on", "visible", "mistaken for"), rows)
-    errors = [e for e in simulation_errors() if e.stage == SIMULATION]
     return "\n".join(
         [
             "# Effects",
             HEAD,
             overview,
             *map(_section, groups),
-            "## Errors of the simulation\n\nWithout references they compete with the effects.\n",
-            *(f"* `{e.name}` ({e.form}): {' '.join(paragraphs(type(e)))}" for e in errors),
             "",
         ]
     )
