@@ -27,13 +27,13 @@ from bench.gaps.real_cases import (
     map_cases,
     pressure_cases,
 )
+from bench.markdown import markdown
 from bench.measurement import print_note
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.inference.judgement import CALIBRATION, TIMING
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 
 HEADER = ("simulation", "in truth", "answers", "judged", "shrink %", "parameters")
-ALIGN = "|---|---|---|---|---:|---|"
 RIGHT, PARTLY, DOUBT, NOTHING, WRONG = "right", "partly", "in doubt", "none", "**wrong**"
 
 
@@ -97,14 +97,13 @@ def read_answer(case: RealCase, diagnosis: Diagnosis) -> CaseAnswer:
     return CaseAnswer(case.setup, case.truth, answer, judged, shrink, parameters)
 
 
-def table(answers: Iterable[CaseAnswer]) -> list[str]:
+def table(answers: Iterable[CaseAnswer]) -> str:
     """Return the table: a row for each simulation (what stands before the comma in a setup) and truth."""
     groups: dict[tuple[str, str], list[CaseAnswer]] = {}
     for one in answers:
         groups.setdefault((one.setup.partition(",")[0], one.truth), []).append(one)
-    lines = [HEADER, *((*key, *_summarise(alike)) for key, alike in groups.items())]
-    rows = [f"| {' | '.join(line)} |" for line in lines]
-    return [rows[0], ALIGN, *rows[1:]]
+    rows = [HEADER, *((*key, *_summarise(alike)) for key, alike in groups.items())]
+    return markdown(rows, left=len(HEADER))
 
 
 def _summarise(answers: Sequence[CaseAnswer]) -> tuple[str, ...]:
@@ -147,7 +146,7 @@ def main() -> None:
         diagnosis = diagnose_case(case, options.threads)
         answers.append(read_answer(case, diagnosis))
         print_note(f"{name}: {time.process_time() - began:.0f} s of CPU; {diagnosis.sentence} ({case.measure()})")
-    print("\n".join(table(answers)))
+    print(table(answers))
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from math import isnan
 from pathlib import Path
 from random import Random
 
+from bench.markdown import markdown
 from bench.reliability.judge import REAL, SIMULATED, FaultOutcome, check_bounds, faults
 from ces_observer.model import load_model
 
@@ -107,10 +108,10 @@ class CampaignRecord:
         end = "The observer ended with status 0." if not self.wrong else f"**Wrong: {'; '.join(self.wrong)}.**"
         failures = "; ".join(filter(None, failed))
         verdict = f"**Failed**: {failures}; all others passed." if failures else "All passed."
-        return [f"{self._facts}. {end} {verdict}", "", f"| {' | '.join(HEADER)} |", "|---|---|---:|---:|", *rows]
+        return [f"{self._facts}. {end} {verdict}", "", markdown([HEADER, *rows], left=2)]
 
 
-def _rows(outcomes: Mapping[str, Sequence[FaultOutcome]]) -> list[str]:
+def _rows(outcomes: Mapping[str, Sequence[FaultOutcome]]) -> list[tuple[str, ...]]:
     """Return a row for each report, with the faults that are reported so."""
     by_report: dict[str, dict[str, Sequence[FaultOutcome]]] = {}
     for name, several in outcomes.items():
@@ -119,10 +120,10 @@ def _rows(outcomes: Mapping[str, Sequence[FaultOutcome]]) -> list[str]:
     return [_row(report, faulty) for report, faulty in sorted(by_report.items())]
 
 
-def _row(report: str, outcomes: Mapping[str, Sequence[FaultOutcome]]) -> str:
+def _row(report: str, outcomes: Mapping[str, Sequence[FaultOutcome]]) -> tuple[str, ...]:
     alike = [one for several in outcomes.values() for one in several]
     recovery_s, error_N = (_worst([getattr(one, what) for one in alike]) for what in ("recovery_s", "worst_error_N"))
-    return f"| {report} | {'; '.join(outcomes)} | {recovery_s:.3f} | {error_N:,.0f} |"
+    return report, "; ".join(outcomes), f"{recovery_s:.3f}", f"{error_N:,.0f}"
 
 
 def _worst(values: list[float]) -> float:
