@@ -115,12 +115,11 @@ setup(
             "**/*.js",
         ],
         "ces_report": ["*.j2", "*.css", "*.js"],
-        "ces_cli": ["**/*.j2", "**/*.css"],
+        "ces_cli": ["**/*.j2", "**/*.css", "desk/templates/*"],
         "ces_rig": ["**/*.yaml"],
         "ces_data": ["**/*.yaml"],
         "ces_iterate": ["**/*.yaml", "**/*.j2", "**/*.css"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
-        "ces_serve": ["templates/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

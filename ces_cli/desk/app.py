@@ -1,27 +1,36 @@
-"""The application: requests in, pages out. What a page shows of a thing comes from `contents`."""
+"""The application and its server: requests in, pages out. What a page shows of a thing comes from `contents`.
+
+The server is Werkzeug's own, a thread for each connection, without its reloader and debugger. Its authors advise
+against it for sites on the internet, for want of speed and hardening. Here one person looks at files of this computer.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import socket
+import threading
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from flask import Blueprint, Flask, Response, abort, current_app, render_template, request, send_file, url_for
 from werkzeug.exceptions import HTTPException
+from werkzeug.serving import WSGIRequestHandler, make_server
 
+from ces_cli.desk import contents
+from ces_cli.desk.catalogue import Catalogue, Listing, NotServedError, ServedFolder
+from ces_cli.desk.items import KINDS, MODEL, RECORDING, REPORT, UNREADABLE, WRONG_CONTENT, Item, list_facts
+from ces_cli.desk.security import FILE_POLICY, POLICY, protect
+from ces_cli.desk.work import Works, WorkState
 from ces_identify.comparison.comparison import MAX_DRAWN
 from ces_observer import __version__
 from ces_observer.errors import CesError
 from ces_report.shell import SCRIPTS, replace_unencodable
-from ces_serve import contents
-from ces_serve.catalogue import Catalogue, Listing, NotServedError, ServedFolder
-from ces_serve.items import KINDS, MODEL, RECORDING, REPORT, UNREADABLE, WRONG_CONTENT, Item, list_facts
-from ces_serve.security import FILE_POLICY, POLICY, protect
-from ces_serve.work import Works, WorkState
 
 MAX_ROWS, MAX_QUERY, MAX_RECORDINGS = 1000, 200, 12
+EVERYWHERE = ("0.0.0.0", "::")
+IDLE_S = 120.0  # [s] after which a silent connection is closed
 FOLLOW_S = 2  # [s] after which a page that waits or follows asks again
 TYPES = {  # of the files that are sent; no other is
     ".svg": "image/svg+xml",
@@ -31,7 +40,7 @@ TYPES = {  # of the files that are sent; no other is
 } | dict.fromkeys((".md", ".yaml", ".jsonl"), "text/plain; charset=utf-8")
 
 ASSETS = {  # by name: the type, and the files one after the other
-    "style.css": ("text/css", (("ces_report", "report.css"), ("ces_serve", "templates/serve.css"))),
+    "style.css": ("text/css", (("ces_report", "report.css"), ("ces_cli.desk", "templates/serve.css"))),
     "plots.js": ("text/javascript", tuple(("ces_report", name) for name in SCRIPTS)),
 }
 pages = Blueprint("pages", __name__)
@@ -49,7 +58,7 @@ class Site:
 
 def make_app(site: Site, host: str) -> Flask:
     """Return the application that shows `site`, to listen on `host`."""
-    app = Flask("ces_serve", static_folder=None)
+    app = Flask("ces_cli.desk", static_folder=None)
     app.jinja_env.trim_blocks = app.jinja_env.lstrip_blocks = True
     app.extensions["site"] = site
     protect(app, host)
@@ -72,6 +81,52 @@ def make_app(site: Site, host: str) -> Flask:
         return _render("problem.html", title=error.name, kind="", code=code, text=text or ""), code
 
     return app
+
+
+class QuietHandler(WSGIRequestHandler):
+    """Handles requests without a line in the terminal for each; errors are shown."""
+
+    timeout = IDLE_S
+    protocol_version = "HTTP/1.1"
+
+    def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
+        """Log nothing."""
+
+    def version_string(self) -> str:
+        """Return the value of the header Server."""
+        return "ces"
+
+
+class PageServer:
+    """A server of one folder at `url`; raises CesError if it cannot listen."""
+
+    def __init__(self, folder: Path, host: str, port: int, signals: Path | None = None) -> None:
+        self._site = Site(folder, signals)
+        try:  # Werkzeug would end the program if the port is taken, and has a descriptor of its own afterwards
+            with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as listener:
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                listener.bind((host, port))
+                listener.listen()
+                app, fd = make_app(self._site, host), listener.fileno()
+                self._server = make_server(host, port, app, threaded=True, request_handler=QuietHandler, fd=fd)
+        except OSError as error:
+            reason, remedy = error.strerror or error, "choose another with --port, or 0 for a free one"
+            raise CesError(f"cannot listen on {host}, port {port}: {reason}; {remedy}") from None
+        name = socket.gethostname() if host in EVERYWHERE else host
+        self.url = f"http://{f'[{name}]' if ':' in name else name}:{self._server.port}/"
+
+    def run(self) -> None:
+        """Serve until Ctrl-C or `stop`."""
+        threading.Thread(target=self._site.catalogue.listing, daemon=True).start()  # before the first page asks for it
+        try:
+            self._server.serve_forever(poll_interval=0.2)
+        finally:
+            self._site.works.close()
+            self._server.server_close()
+
+    def stop(self) -> None:
+        """End `run`, called in another thread."""
+        self._server.shutdown()
 
 
 @pages.get("/")
@@ -211,8 +266,8 @@ def _ask_for(**things: list[Item]) -> WorkState:
 
 
 def _site() -> Site:
-    found: Site = current_app.extensions["site"]
-    return found
+    site: Site = current_app.extensions["site"]
+    return site
 
 
 def _listing() -> Listing:

@@ -16,7 +16,7 @@ from typing import Any
 from browser import find_clipped, find_low_contrast, open_page, start_browser
 from served_folders import fill_folder
 
-from ces_serve.server import PageServer
+from ces_cli.desk.app import PageServer
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from playwright.sync_api import expect

@@ -14,7 +14,7 @@ from flask.testing import FlaskClient
 from patience import wait_until
 from served_folders import described_model, fill_folder
 
-from ces_serve.app import Site, make_app
+from ces_cli.desk.app import Site, make_app
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +29,8 @@ def client(root: Path) -> FlaskClient:
 
 @pytest.fixture(autouse=True)
 def _always_new(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ces_serve.catalogue.FRESH_S", 0.0)
-    monkeypatch.setattr("ces_serve.catalogue.WALKS", 0.0)  # of a slow walk, as on a busy computer
+    monkeypatch.setattr("ces_cli.desk.catalogue.FRESH_S", 0.0)
+    monkeypatch.setattr("ces_cli.desk.catalogue.WALKS", 0.0)  # of a slow walk, as on a busy computer
 
 
 def open_client(folder: Path) -> FlaskClient:
@@ -100,13 +100,13 @@ def test_damaged_files_are_named_and_never_an_error_of_the_server(tmp_path: Path
 def test_an_error_of_the_program_is_logged(
     root: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("ces_serve.contents.content_of", lambda *_: {}["no such key"])
+    monkeypatch.setattr("ces_cli.desk.contents.content_of", lambda *_: {}["no such key"])
     assert "cannot be read now" in text_of(open_client(root), "/view/model/first.json")
     assert "Traceback" in caplog.text and "no such key" in caplog.text
 
 
 def test_a_file_that_changes_between_list_and_page_says_so(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ces_serve.catalogue.FRESH_S", 60.0)
+    monkeypatch.setattr("ces_cli.desk.catalogue.FRESH_S", 60.0)
     client, path = open_client(root), root / "first.json"
     text_of(client, "/")
     before = path.read_text()
@@ -139,7 +139,7 @@ def wait_for(client: FlaskClient, path: str) -> str:
 def test_a_recording_is_read_once(client: FlaskClient, monkeypatch: pytest.MonkeyPatch) -> None:
     page = wait_for(client, "/view/recording/recordings/sine_4hz")
     assert "1000.0" in page and "position [m]" in page and 'id="signals-plot"' in page
-    monkeypatch.setattr("ces_serve.work.Works._start", lambda *_: pytest.fail("read again"))
+    monkeypatch.setattr("ces_cli.desk.work.Works._start", lambda *_: pytest.fail("read again"))
     assert wait_for(client, "/view/recording/recordings/sine_4hz") == page
 
 

@@ -13,7 +13,7 @@ from urllib.request import urlopen
 from patience import children_running, wait_until
 from served_folders import BAGS
 
-from ces_serve.server import PageServer
+from ces_cli.desk.app import PageServer
 
 
 def test_work_ends_with_the_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -24,8 +24,8 @@ def test_work_ends_with_the_server(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     thread = threading.Thread(target=server.run)
     thread.start()
     assert b"reading the bag" in urlopen(f"{server.url}view/recording/sine_4hz").read().lower()
-    assert wait_until(lambda: children_running("ces_serve.work"))
+    assert wait_until(lambda: children_running("ces_cli.desk.work"))
     server.stop()
     thread.join()
-    wait_until(lambda: not children_running("ces_serve.work"))
+    wait_until(lambda: not children_running("ces_cli.desk.work"))
     assert not list(tmp_path.glob("ces-serve-*"))

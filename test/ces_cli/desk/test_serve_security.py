@@ -13,9 +13,9 @@ from typing import Any
 from flask.testing import FlaskClient
 from served_folders import described_model, fill_folder, write_report_page
 
-from ces_serve.app import Site, make_app
-from ces_serve.catalogue import NotServedError, ServedFolder
-from ces_serve.security import is_own_name
+from ces_cli.desk.app import Site, make_app
+from ces_cli.desk.catalogue import NotServedError, ServedFolder
+from ces_cli.desk.security import is_own_name
 
 
 @pytest.fixture(scope="module")

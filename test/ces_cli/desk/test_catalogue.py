@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from served_folders import described_model, fill_folder
 
-from ces_serve import items
-from ces_serve.catalogue import Catalogue, Listing, ServedFolder
+from ces_cli.desk import items
+from ces_cli.desk.catalogue import Catalogue, Listing, ServedFolder
 
 
 def look(folder: Path) -> Listing:
@@ -94,8 +94,8 @@ def test_links_that_leave_the_folder_are_not_followed(tmp_path: Path) -> None:
 
 
 def test_a_changed_file_is_read_again_and_others_are_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ces_serve.catalogue.FRESH_S", 0.0)
-    monkeypatch.setattr("ces_serve.catalogue.WALKS", 0.0)
+    monkeypatch.setattr("ces_cli.desk.catalogue.FRESH_S", 0.0)
+    monkeypatch.setattr("ces_cli.desk.catalogue.WALKS", 0.0)
     described_model(4.0).save(tmp_path / "a.json")
     described_model(4.0).save(tmp_path / "b.json")
     catalogue = Catalogue(ServedFolder(tmp_path))
@@ -134,7 +134,7 @@ def test_a_folder_inside_that_refuses_is_named(tmp_path: Path, monkeypatch: pyte
 
 
 def test_depth_and_number_of_files_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ces_serve.catalogue.MAX_DEPTH", 2)
+    monkeypatch.setattr("ces_cli.desk.catalogue.MAX_DEPTH", 2)
     described_model().save(tmp_path / "a.json")
     deep = tmp_path / "1" / "2" / "3"
     deep.mkdir(parents=True)

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from diagnoses import named
 
+from ces_cli.desk.app import Site, make_app
+from ces_cli.desk.items import Item
 from ces_gap.report.gap_json import write_gap
-from ces_serve.app import Site, make_app
-from ces_serve.items import Item
 
 HUGE = "1" + "0" * 400  # a whole number that no float holds
 

@@ -12,10 +12,10 @@ from typing import TypedDict
 
 from flask import url_for
 
+from ces_cli.desk.catalogue import Listing, ServedFolder
+from ces_cli.desk.items import MODEL, REPORT, RESULT, Item, format_number, list_facts
 from ces_identify.prepare.sampling import delay_text
 from ces_observer.model import Model, load_model
-from ces_serve.catalogue import Listing, ServedFolder
-from ces_serve.items import MODEL, REPORT, RESULT, Item, format_number, list_facts
 
 MAX_BESIDE = 40
 # Sent because of the results that stand beside them.

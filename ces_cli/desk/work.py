@@ -27,6 +27,8 @@ from typing import Any
 
 import numpy as np
 
+from ces_cli.desk.contents import PageContent, PageTable
+from ces_cli.desk.items import format_number
 from ces_data.bags.reader import list_topics, read_recording
 from ces_data.checks.check import find_all_faults
 from ces_data.findings import Finding, require_usable
@@ -40,8 +42,6 @@ from ces_identify.simulations.simulation import ModelSimulation
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, series_css
-from ces_serve.contents import PageContent, PageTable
-from ces_serve.items import format_number
 
 MAX_RUNNING, MAX_KEPT = 2, 32
 LIMIT_S = 180  # [s] for each
@@ -101,7 +101,7 @@ class Works:
         """Start a process in a group of its own, so that Ctrl-C at the terminal reaches the server alone."""
         folder = self._scratch / key
         folder.mkdir(parents=True, exist_ok=True)
-        words = [sys.executable, "-m", "ces_serve.work", json.dumps(task), str(folder / "result")]
+        words = [sys.executable, "-m", "ces_cli.desk.work", json.dumps(task), str(folder / "result")]
         with (folder / "errors").open("wb") as errors:
             own = os.environ | {"TMPDIR": str(folder)}
             nothing = subprocess.DEVNULL

@@ -13,8 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from ces_cli.desk.items import RESULT, UNREADABLE, Item, ItemReader, find_reader, read_item, read_recording
 from ces_observer.errors import CesError
-from ces_serve.items import RESULT, UNREADABLE, Item, ItemReader, find_reader, read_item, read_recording
 
 METADATA = "metadata.yaml"
 MAX_PATH = 1024  # characters of a path in a URL

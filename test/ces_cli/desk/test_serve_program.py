@@ -19,7 +19,7 @@ from patience import PATIENCE_S, wait_until
 from programs import error_line
 from served_folders import BAGS
 
-from ces_cli.serve import make_parser
+from ces_cli.desk.program import make_parser
 
 pytestmark = pytest.mark.slow
 pytest.importorskip("flask", reason="Flask is not installed")
@@ -90,7 +90,7 @@ def test_a_port_in_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_without_flask_it_names_the_extra(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ces_cli.serve.find_spec", lambda name: None)
+    monkeypatch.setattr("ces_cli.desk.program.find_spec", lambda name: None)
     assert "pip install 'ces_observer[serve]'" in error_line(capsys, "serve", tmp_path)
 
 
