@@ -116,9 +116,8 @@ setup(
         ],
         "ces_report": ["*.j2", "*.css", "*.js"],
         "ces_cli": ["**/*.j2", "**/*.css", "desk/templates/*"],
-        "ces_rig": ["**/*.yaml"],
+        "ces_rig": ["**/*.yaml", "**/*.j2"],
         "ces_data": ["**/*.yaml"],
-        "ces_iterate": ["**/*.yaml", "**/*.j2", "**/*.css"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
     },
     data_files=[

@@ -49,7 +49,7 @@ def open_simulation(spec: str) -> Simulation:
     if path.suffix.lower() == ".json":
         return _open_json(path)
     if path.suffix.lower() in (".yaml", ".yml"):
-        from ces_rig.experiment import load_rig
+        from ces_rig.experiments.virtual import load_rig
 
         return FunctionSimulation(str(path), load_rig(path))
     if ":" in spec:

@@ -15,12 +15,12 @@ from scipy.interpolate import CubicSpline
 from ces_data.arrays import F
 from ces_rig.dampers.kinds import KINDS
 from ces_rig.dampers.model import DamperKind, DamperModel
-from ces_rig.drive.kernels import CURRENT, GIVEN, MOTION_SIZE, ROWS, STROKE, STROKE_SPEED
+from ces_rig.drive import CURRENT, GIVEN, MOTION_SIZE, ROWS, STROKE, STROKE_SPEED
 from ces_rig.errors import RigError
 
 
 class Mover(NamedTuple):
-    """What moves a damper: its kind in `drive/kernels.py` and the numbers of its kernel."""
+    """What moves a damper: its kind in `ces_rig.drive` and the numbers of its kernel."""
 
     kind: int
     numbers: F

@@ -17,7 +17,7 @@ from ces_observer.health.health import LEVEL_OK, Report, Status
 from ces_observer.nodes.executors import collect_garbage, run
 from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_remark
 from ces_observer.nodes.parameters import TableNode, declare_table
-from ces_rig.drive import kernels as qv
+from ces_rig import drive as qv
 from ces_rig.errors import RigError
 from ces_rig.live.rig import (
     LIVE,

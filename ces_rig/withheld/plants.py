@@ -2,8 +2,8 @@
 
     plant = draw_plant("hydraulic", rng)
     effect = scale_to_gap(plant, draw_effect(plant.kind, "friction", rng), 40.0, time_s, stroke_m, command_A)
-    true = simulate_signals(plant, [effect], time_s, stroke_m, command_A)  # then ces_rig.experiment.measure_signals
-    yaml.safe_dump(perturb(plant, 0.3, rng).description())           # a simulation: ces_rig.experiment.load_rig
+    true = simulate_signals(plant, [effect], time_s, stroke_m, command_A)  # then ces_rig.sensors.measure_signals
+    yaml.safe_dump(perturb(plant, 0.3, rng).description())  # a simulation: ces_rig.experiments.virtual.load_rig
 
 The plant itself has no effects; its description simulates it exactly.
 """

@@ -138,9 +138,8 @@ def test_a_recording_teaches_a_plant_and_a_case_may_name_a_function(
     about, labels = open_seal(tmp_path / "own")
     assert about["plants"] == ["bouc_wen", "map"] and labels[0]["plant"] in about["plants"]
     described = tmp_path / "own" / "cases" / "0001" / "case.json"
-    own = (
-        f"from ces_rig.experiment import load_rig\n\nforce = load_rig({str(described.with_name('baseline.yaml'))!r})\n"
-    )
+    path = str(described.with_name("baseline.yaml"))
+    own = f"from ces_rig.experiments.virtual import load_rig\n\nforce = load_rig({path!r})\n"
     (tmp_path / "my_damper.py").write_text(own)
     monkeypatch.syspath_prepend(tmp_path)
     described.write_text(json.dumps({**json.loads(described.read_text()), "simulation": "my_damper:force"}))

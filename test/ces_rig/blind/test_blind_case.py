@@ -14,7 +14,7 @@ from ces_rig.blind.draw import draw_case
 from ces_rig.blind.plan import BlindCase
 from ces_rig.dampers.kinds import KINDS
 from ces_rig.errors import RigError
-from ces_rig.experiment import load_rig
+from ces_rig.experiments.virtual import load_rig
 from ces_rig.sensors import EPOCH_NS
 
 SECONDS = 2.0
