@@ -26,7 +26,7 @@ CAN = ["cantools>=39.4", "python-can>=4.3"]
 ROS_PROGRAMS = [
     f"observer = {NAME}.nodes.observer:main",
     f"controller = {NAME}.nodes.controller:main",
-    *(f"{program} = ces_cli.ros_program:main" for program in PROGRAMS),
+    *(f"{program} = ces_cli.main:run_for_ros" for program in PROGRAMS),
 ]
 
 

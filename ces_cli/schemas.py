@@ -26,7 +26,7 @@ from ces_observer.signals import FIELDS, NAMES, UNITS
 from ces_observer.structures.constructed_inputs import BASE, MAX_WIDTH, MIN_WIDTH, SETTINGS
 from ces_observer.structures.terms import MAX_FACTORS, MAX_TERMS
 from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.kinds import HYDRAULIC, LUMPED
+from ces_rig.dampers.stepper import HYDRAULIC, LUMPED
 from ces_rig.drive import ServoActuator
 from ces_rig.experiments import currents, strokes
 from ces_rig.experiments.sequences import KIND as SEQUENCE

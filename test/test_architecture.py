@@ -32,7 +32,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "arrays compilation recording integration config_file log_formats units bags findings samples signals_file "
         "logs checks mapping reading tables"
     ),
-    "ces_report": ("typesetting table drawing shell figure plot charts"),
+    "ces_report": ("typesetting table drawing shell figure plot"),
     "ces_identify": (
         "jobs numerics schema_files prepare polynomial trained physical structures options export "
         "simulations characteristics validation comparison identification report campaign folds api"
@@ -43,8 +43,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "experiment regions diagnosis report pipeline api fleet"
     ),
     "ces_cli": (
-        "terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema versions main "
-        "ros_program"
+        "terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema versions main"
     ),
 }
 ROS = {

@@ -13,8 +13,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from ces_cli.main import PROGRAMS
-from ces_cli.ros_program import DESK
+from ces_cli.main import DESK, PROGRAMS
 from ces_data.signals_file import load_signals
 from ces_observer import __version__
 from ces_observer.signals import Signals
@@ -54,7 +53,7 @@ def test_colcon_gets_the_nodes_and_every_program() -> None:
     found = programs(arguments(""))
     for node in ("observer", "controller"):
         assert found.pop(node) == f"ces_observer.nodes.{node}:main"
-    assert found == dict.fromkeys(PROGRAMS, "ces_cli.ros_program:main")
+    assert found == dict.fromkeys(PROGRAMS, "ces_cli.main:run_for_ros")
 
 
 def test_packages_are_ours_without_tests() -> None:

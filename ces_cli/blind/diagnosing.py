@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import open_simulation, with_predictions
 from ces_cli.terminal.outputs import print_document, require_folder, without_text
 from ces_cli.terminal.progress import JobsProgress
-from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_data.bags.reader import read_recording
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
@@ -41,8 +41,7 @@ from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_rig.blind.cases import read_seal
-from ces_rig.blind.outcome import IDENTIFIED, PREDICTIONS, Mode, combine_modes
-from ces_rig.blind.scoring import DECISION, GAP, REPLAY, ROW, SETTINGS
+from ces_rig.blind.scoring import DECISION, GAP, IDENTIFIED, PREDICTIONS, REPLAY, ROW, SETTINGS, Mode, combine_modes
 
 AUGMENTED, MODEL = "augmented.json", "model.json"
 WORK = 0.12  # of a fit

@@ -15,22 +15,21 @@ from rich.progress import track
 
 from ces_cli.blind.diagnosing import run
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bag
 from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, SIGNALS, Argument, only_with
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.progress import JobsProgress
-from ces_cli.terminal.recordings import find_bag
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.options import Option
 from ces_rig.blind.cases import make_cases, open_seal, remove_cases
 from ces_rig.blind.metrics import ScoreTable, group_cases, metric_table, mode_facts, withheld_table
-from ces_rig.blind.outcome import MAX_REFERENCES, RUN, SIMULATIONS, CaseOutcome
 from ces_rig.blind.plan import ERRORS, GAPS, KINDS, Levels, list_spare_effects, plan_sample
-from ces_rig.blind.scoring import find_modes, score_cases
+from ces_rig.blind.scoring import MAX_REFERENCES, RUN, SIMULATIONS, CaseOutcome, find_modes, score_cases
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE
-from ces_rig.dampers.kinds import KINDS as DAMPERS
-from ces_rig.dampers.lookup.learning import learn_lookup
+from ces_rig.dampers.lookup.parameters import learn_lookup
 from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.stepper import KINDS as DAMPERS
 
 DEFAULT_PLANTS = ("lookup", "bouc_wen")  # their equations are not those of the diagnosis' twin
 MAP = "map"  # the plant that --recording teaches

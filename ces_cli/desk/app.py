@@ -1,5 +1,7 @@
 """The application and its server: requests in, pages out. What a page shows of a thing comes from `contents`.
 
+Every request must be one that reads, for a page of this server in this browser.
+
 The server is Werkzeug's own, a thread for each connection, without its reloader and debugger. Its authors advise
 against it for sites on the internet, for want of speed and hardening. Here one person looks at files of this computer.
 """
@@ -7,6 +9,7 @@ against it for sites on the internet, for want of speed and hardening. Here one 
 from __future__ import annotations
 
 import hashlib
+import ipaddress
 import json
 import socket
 import threading
@@ -21,7 +24,6 @@ from werkzeug.serving import WSGIRequestHandler, make_server
 from ces_cli.desk import contents
 from ces_cli.desk.catalogue import Catalogue, Listing, NotServedError, ServedFolder
 from ces_cli.desk.items import KINDS, MODEL, RECORDING, REPORT, UNREADABLE, WRONG_CONTENT, Item, list_facts
-from ces_cli.desk.security import FILE_POLICY, POLICY, protect
 from ces_cli.desk.work import Works, WorkState
 from ces_identify.comparison.comparison import MAX_DRAWN
 from ces_observer import __version__
@@ -278,3 +280,74 @@ def _render(template: str, **values: Any) -> str:
     """Return a page; texts from JSON may hold halves of characters, which no page can be sent with."""
     counts = ((kind, heading, len(_listing().of_kind(kind))) for kind, (heading, *_) in KINDS.items() if kind)
     return replace_unencodable(render_template(template, nav_kinds=[row for row in counts if row[2]], **values))
+
+
+POLICY = "Content-Security-Policy"
+HEADERS = {
+    POLICY: "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+# Pages from the folder: their own scripts and styles, as in the file, in an origin of their own, and no connections.
+FILE_POLICY = (
+    "sandbox allow-scripts allow-modals; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data:; font-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+
+def protect(app: Flask, host: str) -> None:
+    """Check all requests to `app`, which listens on `host`, and complete the headers of its responses."""
+
+    @app.before_request
+    def check() -> Response | None:
+        from_other_site = request.headers.get("Sec-Fetch-Site") in ("cross-site", "same-site")
+        if request.method not in ("GET", "HEAD"):
+            status, reason = 405, "this server only shows; it takes GET and HEAD"
+        elif not is_own_name(request.host, host):
+            status, reason = 421, "unknown Host; open the address that ces serve has printed"
+        elif from_other_site and request.headers.get("Sec-Fetch-Mode") != "navigate":
+            status, reason = 403, "requests from other sites are refused"
+        else:
+            return None
+        # without the frame of the pages, which names the folder: who asks may be another site
+        return Response(f"{reason}\n", status, mimetype="text/plain")
+
+    @app.after_request
+    def complete(response: Response) -> Response:
+        for name, value in HEADERS.items():
+            response.headers.setdefault(name, value)
+        return response
+
+
+def is_own_name(host_header: str, bound: str) -> bool:
+    """Return whether a Host header names this server, bound to `bound`.
+
+    A page of another site that makes its own name point here (DNS rebinding) sends that name. On loopback only its
+    names are right, with any port, which a tunnel may change; on another address also this computer's name, and all
+    addresses, which are no names.
+    """
+    bracketed = host_header.startswith("[")
+    name = (host_header[1:].partition("]") if bracketed else host_header.partition(":"))[0].lower()
+    own, shared = socket.gethostname().lower(), not is_loopback(bound)
+    address = _parse_address(name)
+    if address is not None and (shared or address.is_loopback):
+        return True
+    return name in ("localhost", bound.lower()) or (shared and name in (own, f"{own}.local"))
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether `host`, a name or an address, is this computer only."""
+    address = _parse_address(host)
+    return host.lower() == "localhost" if address is None else address.is_loopback
+
+
+def _parse_address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(text)
+    except ValueError:
+        return None

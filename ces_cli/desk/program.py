@@ -24,8 +24,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise CesError("Flask is not installed; pip install 'ces_observer[serve]' (or apt install python3-flask)")
     if options.signals is not None:
         terminal.load_described_signals(options)  # raises now, not when a recording is opened
-    from ces_cli.desk.app import PageServer
-    from ces_cli.desk.security import is_loopback
+    from ces_cli.desk.app import PageServer, is_loopback
 
     server = PageServer(options.folder, options.host, options.port, options.signals)
     if not is_loopback(options.host):

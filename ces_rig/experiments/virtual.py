@@ -21,9 +21,16 @@ from ces_data.recording import Recording
 from ces_observer.fields import quantity, read_record, require_known_keys
 from ces_rig.dampers.hydraulic.kernel import LAST_STROKE, rest_force
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, load_damper, parse_damper
-from ces_rig.dampers.kinds import parse_model
 from ces_rig.dampers.model import DamperModel
-from ces_rig.dampers.stepper import GIVEN_STROKE, DamperStepper, Mover, SimulatedRun, simulate, spline_speed
+from ces_rig.dampers.stepper import (
+    GIVEN_STROKE,
+    DamperStepper,
+    Mover,
+    SimulatedRun,
+    parse_model,
+    simulate,
+    spline_speed,
+)
 from ces_rig.drive import FORCE, SERVO, STROKE, VALVE, ServoActuator
 from ces_rig.errors import RigError
 from ces_rig.experiments.currents import Reg1, SpeedForceLoop, make_current

@@ -19,9 +19,8 @@ from numpy.random import Generator
 
 from ces_data.arrays import F
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Proportions, WithheldEffect
-from ces_rig.dampers.kinds import KINDS
 from ces_rig.dampers.model import DamperKind, DamperModel
-from ces_rig.dampers.stepper import simulate
+from ces_rig.dampers.stepper import KINDS, simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S, Truth
 from ces_rig.withheld import environment

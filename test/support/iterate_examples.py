@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.recording import Recording
-from ces_rig.dampers.kinds import KINDS
+from ces_rig.dampers.stepper import KINDS
 from ces_rig.experiments.commands import INTERVAL_S, HeatLimits, RigCommands, RigLimits
 from ces_rig.experiments.designer import DesignTask, make_power_model
 from ces_rig.experiments.information import Information, Pool, draw_features, draw_pool

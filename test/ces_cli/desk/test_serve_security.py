@@ -13,9 +13,8 @@ from typing import Any
 from flask.testing import FlaskClient
 from served_folders import described_model, fill_folder, write_report_page
 
-from ces_cli.desk.app import Site, make_app
+from ces_cli.desk.app import Site, is_own_name, make_app
 from ces_cli.desk.catalogue import NotServedError, ServedFolder
-from ces_cli.desk.security import is_own_name
 
 
 @pytest.fixture(scope="module")

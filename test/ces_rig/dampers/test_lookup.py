@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ces_data.recording import Channel
-from ces_rig.dampers.lookup.learning import learn_lookup
-from ces_rig.dampers.lookup.parameters import SPEEDS, TABLE, Lookup
+from ces_rig.dampers.lookup.parameters import SPEEDS, TABLE, Lookup, learn_lookup
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.experiments.strokes import make_stroke
