@@ -49,7 +49,7 @@ PROGRAMS: ProgramTable = {  # module and summary by name
         "diagnose.program",
         "find where a simulation differs from reality and which missing effect is the cause",
     ),
-    "blind": ("blind.program", "create, run and score blind tests of the diagnosis (synthetic data)"),
+    "blind": ("blind", "create, run and score blind tests of the diagnosis (synthetic data)"),
     "schema": ("schema", "print the JSON Schema of a kind of YAML file, for editors"),
 }
 ROS_ARGS = "--ros-args"

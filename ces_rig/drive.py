@@ -186,9 +186,14 @@ class ServoActuator:
         """Return the position loop's input [m] at the uniform times (n,): command with gain, delay and disturbance."""
         late = np.interp(time_s - self.delay_s, time_s, command_m)
         rate = 1.0 / (time_s[1] - time_s[0])
-        lead = round(SETTLING_S * rate)
-        sos = butter(2, self.disturbance_Hz, fs=rate, output="sos")
-        noise = sosfilt(sos, rng.standard_normal(lead + len(time_s)))[lead:]
+        noise = filtered_noise(len(time_s), rate, 2, self.disturbance_Hz, SETTLING_S, rng)
         noise_rms = np.sqrt(2.0 * self.disturbance_Hz / rate * NOISE_BANDWIDTH)
         disturbance = self.disturbance_m / noise_rms * noise * np.minimum(1.0, (time_s - time_s[0]) / FADE_S)
         return np.asarray(self.gain * late + disturbance)
+
+
+def filtered_noise(count: int, rate_Hz: float, order: int, cutoff_Hz: float, lead_s: float, rng: Generator) -> F:
+    """Return white noise (count,) behind a Butterworth low-pass that began `lead_s` earlier."""
+    lead = round(lead_s * rate_Hz)
+    low_pass = butter(order, cutoff_Hz, fs=rate_Hz, output="sos")
+    return np.asarray(sosfilt(low_pass, rng.standard_normal(lead + count))[lead:])

@@ -5,7 +5,7 @@ stroke comes with its speed, because between samples it is the cubic through bot
 
 Each kind is a package beside this file and an entry in `KINDS`. A new one needs parameters (a `LumpedDamper` if its
 description is flat), a kernel, its `KIND` and an entry; simulations, blind cases and the live rig then support it.
-`ces_cli.blind.program.DEFAULT_PLANTS` names those that blind cases use without `--plants`.
+`ces_cli.blind.DEFAULT_PLANTS` names those that blind cases use without `--plants`.
 """
 
 from __future__ import annotations

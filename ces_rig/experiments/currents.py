@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from scipy.signal import butter, lfilter, max_len_seq, sosfilt
+from scipy.signal import lfilter, max_len_seq
 
 from ces_data.arrays import F
 from ces_observer.control.force_controller import CurveError, ForceCurve
 from ces_observer.fields import REQUIRED, quantity, read_record
+from ces_rig.drive import filtered_noise
 from ces_rig.errors import RigError
 from ces_rig.experiments.sequences import KIND, Current, CurrentSequence, parse_parts
 from ces_rig.experiments.strokes import take_kind
@@ -171,10 +172,7 @@ class FilteredNoise(CurrentRange):
 
     def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
         """Return the noise; the filter starts 3 s earlier."""
-        rate = 1.0 / (time_s[1] - time_s[0])
-        lead = round(3.0 * rate)
-        sos = butter(4, self.cutoff_Hz, fs=rate, output="sos")
-        noise = sosfilt(sos, rng.standard_normal(lead + len(time_s)))[lead:]
+        noise = filtered_noise(len(time_s), 1.0 / (time_s[1] - time_s[0]), 4, self.cutoff_Hz, 3.0, rng)
         return self.at(np.tanh(self.spread * noise / noise.std()))
 
 

@@ -14,9 +14,9 @@ from math import pi
 
 import numpy as np
 from numpy.random import Generator
-from scipy.signal import butter, sosfilt
 
 from ces_data.arrays import F
+from ces_rig.drive import filtered_noise
 from ces_rig.experiments.commands import INTERVAL_S, RigLimits
 
 MIN_HZ = 0.3
@@ -120,8 +120,7 @@ def _held_levels(limits: RigLimits, count: int, rng: Generator) -> F:
 
 def _noise(limits: RigLimits, count: int, rng: Generator) -> F:
     cutoff = float(np.exp(rng.uniform(np.log(0.7), np.log(8.0))))
-    lead = round(SETTLE_S / INTERVAL_S)
-    noise = sosfilt(butter(2, cutoff, fs=1.0 / INTERVAL_S, output="sos"), rng.standard_normal(lead + count))[lead:]
+    noise = filtered_noise(count, 1.0 / INTERVAL_S, 2, cutoff, SETTLE_S, rng)
     return np.asarray(0.5 + 0.5 * np.tanh(rng.uniform(0.6, 1.5) * noise / noise.std() + rng.uniform(-0.3, 0.3)))
 
 

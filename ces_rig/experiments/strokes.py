@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt
 
 from ces_data.arrays import F
 from ces_observer.fields import REQUIRED, choice, quantity, read_record
+from ces_rig.drive import filtered_noise
 from ces_rig.errors import RigError
 from ces_rig.experiments.sequences import KIND, Shape, StrokeFile, StrokeSequence, parse_parts
 
@@ -143,9 +143,7 @@ class NoiseStroke:
 
     def samples(self, time_s: F, rng: Generator) -> F:
         """Return the filtered noise, centred between its extremes; the filter starts 2 s earlier."""
-        lead = round(2.0 / (time_s[1] - time_s[0]))
-        sos = butter(self.order, self.cutoff_Hz, fs=1.0 / (time_s[1] - time_s[0]), output="sos")
-        x = sosfilt(sos, rng.standard_normal(lead + len(time_s)))[lead:]
+        x = filtered_noise(len(time_s), 1.0 / (time_s[1] - time_s[0]), self.order, self.cutoff_Hz, 2.0, rng)
         return np.asarray((x - (x.max() + x.min()) / 2) * self.peak_to_peak_m / np.ptp(x))
 
 
