@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.calibrate.choice import ChosenExplanation, Hypothesis, choose
@@ -25,12 +24,11 @@ from ces_gap.calibrate.parameters import find_groups
 from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.library import library
 from ces_gap.errors import GapError
-from ces_gap.grid import rms
 from ces_gap.inference.fit import NEAR_BOUND, Z95, EffectFit, Estimate, estimate_parameters
 from ces_gap.inference.held_out import HeldOutSeries
 from ces_gap.inputs.prepare import set_aside
 from ces_gap.progress import Progress, ignore_progress
-from ces_gap.trace import Trace, noise_floor_N, usable_values
+from ces_gap.trace import Trace, gap_N, noise_floor_N
 from ces_identify.simulations.simulation import Simulation
 
 SLOW_S = 0.5  # [s] of a run over all recordings: with a slower simulation, effects that run it again are not tried
@@ -244,10 +242,10 @@ def _assemble(
     held = smooth_traces(simulation, held) if best.is_smoothed else held
     joint = None if fit is None or choice.best.effect is None else fit
     parameters, calibrated = (*_list_whole(best), *_list_numbers(best, choice)), simulation
-    noise_N, before_N = noise_floor_N(held), _gap_N(held, [t.simulated for t in held], noise_floor_N(held))
+    noise_N, before_N = noise_floor_N(held), gap_N(held, [t.simulated for t in held], noise_floor_N(held))
     changed = simulation.with_values({p.name: p.value for p in parameters})
     forces = [DirectSimulator(changed).force(t, t.inputs) for t in held]
-    after_N, notes = _gap_N(held, forces, noise_N), free.notes
+    after_N, notes = gap_N(held, forces, noise_N), free.notes
     if after_N < before_N or joint is not None:
         calibrated = changed
     else:
@@ -307,10 +305,4 @@ def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
 def _describe_missing(joint: EffectFit, simulation: Simulation, held: Sequence[Trace], noise_N: float) -> MissingEffect:
     plant, composition = Plant(DirectSimulator(simulation)), joint.composition
     forces, setting = [plant.with_effects(composition, t) for t in held], composition.settings[-1]
-    return MissingEffect(setting, estimate_parameters(joint)[-1], _gap_N(held, forces, noise_N))
-
-
-def _gap_N(traces: Sequence[Trace], forces: Sequence[F], noise_N: float) -> float:
-    """Return the RMS [N] of measured minus modelled force without the noise."""
-    error = usable_values(traces, [t.force - f for t, f in zip(traces, forces, strict=True)])
-    return math.sqrt(max(rms(error) ** 2 - noise_N**2, 0.0))
+    return MissingEffect(setting, estimate_parameters(joint)[-1], gap_N(held, forces, noise_N))
