@@ -8,11 +8,10 @@ from pathlib import Path
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import HELP, find_bags, open_simulation
 from ces_cli.terminal.options import FIT, HELD_OUT, JSON, OVERWRITE, REAL, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.progress import DiagnoseProgress
-from ces_cli.terminal.recordings import find_bags
-from ces_cli.terminal.simulations import HELP, open_simulation
 from ces_gap.augmented import name_simulation
 from ces_gap.calibrate.calibration import Calibration, calibrate
 from ces_gap.inputs.checks import check_recordings

@@ -34,7 +34,7 @@ from ces_identify.prepare.cost import cost
 from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_observer.model import Envelope
-from ces_rig.experiment import (
+from ces_rig.experiments.virtual import (
     Experiment,
     describe_experiment,
     load_experiment,

@@ -38,7 +38,7 @@ from ces_identify.trained.starts import train
 from ces_identify.trained.training import LagCounts, Training, build_training, delay_values
 from ces_observer.errors import CesError
 from ces_observer.model import Model
-from ces_rig.experiment import Experiment, find_experiment, load_experiment, run, with_seed
+from ces_rig.experiments.virtual import Experiment, find_experiment, load_experiment, run, with_seed
 
 POLYNOMIAL, NETWORK, ANFIS = "polynomial", "sigmoid", "anfis"
 

@@ -40,7 +40,7 @@ from bench.thesis.models import (
     train_all,
 )
 from bench.thesis.plots import draw
-from ces_rig.experiment import run
+from ces_rig.experiments.virtual import run
 
 STORE = ROOT / "out" / "tables"
 FIGURE = ROOT / "docs/img/thesis_5_3.png"

@@ -16,6 +16,14 @@ from typing import Any
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
 from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import (
+    find_bags,
+    find_file,
+    open_simulation,
+    print_warnings,
+    with_distinct_names,
+    with_teacher_force,
+)
 from ces_cli.terminal.options import (
     ALL,
     BAGS,
@@ -25,7 +33,6 @@ from ces_cli.terminal.options import (
 )
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import SearchProgress
-from ces_cli.terminal.recordings import find_bags, print_warnings, with_distinct_names
 from ces_cli.terminal.results import (
     cost_rows,
     fold_rows,
@@ -35,7 +42,6 @@ from ces_cli.terminal.results import (
     print_band,
     print_costs,
 )
-from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
 from ces_data.checks.check import check_together, require_sound
 from ces_data.checks.content import require_distinct
 from ces_data.compilation import CompilationNotice

@@ -12,7 +12,7 @@ import pytest
 from programs import ONE_KIND
 
 from bench.gaps.users_dampers import SIMULATORS, record
-from ces_cli.terminal.simulations import open_simulation
+from ces_cli.terminal.inputs import open_simulation
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, Diagnosis
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.report.gap_json import gap_document
