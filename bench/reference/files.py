@@ -50,8 +50,8 @@ def files_page() -> str:
         text.append(f"## `{name}`\n\n{ABOUT[name]}.\n")
         rows = _rows(json.loads(build_schema(name)), name in OF_SIGNALS, told)
         text.append(table(("key", "values", "default", "meaning"), rows))
-    text.append(f"## `gap.json`\n\n{ABOUT['gap']}. Inner keys end with their unit.\n")
-    text.append(table(("key", "meaning", "inner keys"), _gap_rows(json.loads(build_schema("gap")))))
+    text.append(f"## `gap.json`\n\n{ABOUT['gap']}. `ces schema gap` has all inner keys; they end with their unit.\n")
+    text.append(table(("key", "meaning, or inner keys"), _gap_rows(json.loads(build_schema("gap")))))
     text.append("## `model.json`\n\nA model (`ces identify`); plain JSON, limited in size, never executed.\n")
     return "\n".join([*text, table(("key", "meaning"), ((code(key), about) for key, about in MODEL))])
 
@@ -67,11 +67,11 @@ def _rows(root: Schema, of_signals: bool, told: set[str]) -> Iterator[tuple[str,
         told.add(shared)
 
 
-def _gap_rows(schema: Schema) -> Iterator[tuple[str, str, str]]:
+def _gap_rows(schema: Schema) -> Iterator[tuple[str, str]]:
     for name, one in schema["properties"].items():
         bare = next((part for part in one.get("anyOf", ()) if part.get("type") != "null"), one)
-        inner = bare.get("items", bare).get("properties", {})
-        yield code(name), one.get("description", "") or codes(map(str, filter(None, one.get("enum", ())))), codes(inner)
+        values = (*filter(None, one.get("enum", ())), *bare.get("items", bare).get("properties", {}))
+        yield code(name), one.get("description") or codes(map(str, values))
 
 
 def _walk(schema: Schema, root: Schema, path: str = "") -> Iterator[tuple[str, Schema]]:
