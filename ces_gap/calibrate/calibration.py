@@ -37,6 +37,9 @@ SLOW_S = 0.5  # [s] of a run over all recordings: with a slower simulation, effe
 RUNS = 50  # for each parameter and one more, measured: about as often a fit with the choice runs the simulation
 MAX_UNASKED_S = 1200.0  # [s] for which a diagnosis fits parameters that the user has not named
 MIN_TOLD_S = 30.0  # [s] of work that is told before it begins
+DECLARED = (
+    "functions declare them by keyword-only arguments with defaults (*, seal_N=25.0); of models, hydraulic ones do"
+)
 WORSE = "the fitted values explain held-out recordings no better than the defaults, which are kept"
 OFF = 0.2  # of its default: a parameter that is off by as much is worth a remark where there is no gap
 DOUBTFUL = 3.0  # times its default or a third of it: beyond, a value is a doubt
@@ -129,9 +132,7 @@ def calibrate(
     """
     free = choose_free(simulation, fit, spec)
     if not free.numbers and not free.whole:
-        why = (
-            "; ".join(free.notes) or "a function declares them by keyword-only arguments with defaults (*, seal_N=25.0)"
-        )
+        why = "; ".join(free.notes) or DECLARED
         raise GapError(f"{spec}: no parameter to fit: {why}")
     progress("simulating", 0.0)
     fitted = open_logged(simulation, real)
@@ -282,8 +283,8 @@ def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
     for k, u, error in zip(h.places, h.fit.searched.tolist(), errors.tolist(), strict=False):
         p = found.effect.free[k]
         (low, high), (first, last) = p.search_bounds(), sorted(map(p.to_value, (u - error, u + error)))
-        near = NEAR_BOUND * (high - low)
-        stuck = u - low < near or high - u < near
+        near, start = NEAR_BOUND * (high - low), p.to_search(p.starts[0])
+        stuck = (u - low < near or high - u < near) and abs(u - start) > near
         fitted.append(FittedParameter(p.name, p.to_value(u), (first, last), p.starts[0], True, stuck, units[p.name]))
     return fitted
 

@@ -12,7 +12,8 @@ import numpy as np
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.prepare.series import interpolate_force, usable_samples
-from ces_identify.simulations.parameters import Parameter, declared_parameters
+from ces_identify.simulations.hydraulic_parameters import change_hydraulic, hydraulic_parameters
+from ces_identify.simulations.parameters import Parameter, declared_parameters, with_defaults
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError
 from ces_observer.model import Model
@@ -44,9 +45,21 @@ class Simulation(Protocol):
 
 @dataclass(frozen=True)
 class ModelSimulation(Simulation):
-    """The free run of a model, as the estimator computes it."""
+    """The free run of a model, as the estimator computes it; with other `values` it is changed from `identified`."""
 
     model: Model
+    values: Mapping[str, float] = field(default_factory=dict, hash=False)
+    identified: Model | None = None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of a hydraulic model: its valves, oil, gas and friction."""
+        return with_defaults(hydraulic_parameters(self.identified or self.model), self.values)
+
+    def with_values(self, values: Mapping[str, float]) -> ModelSimulation:
+        """Return the model with other values."""
+        identified, changed = self.identified or self.model, {**self.values, **values}
+        return ModelSimulation(change_hydraulic(identified, changed), changed, identified) if changed else self
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample."""
