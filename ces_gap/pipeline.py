@@ -15,7 +15,7 @@ from ces_data.recording import Recording
 from ces_gap.baseline.twin import Twin
 from ces_gap.calibrate.calibration import FreedParameters, free_parameters
 from ces_gap.calibrate.choice import VISIBLE
-from ces_gap.calibrate.fitting import white_noise_N
+from ces_gap.calibrate.fitting import unexplained_N
 from ces_gap.calibrate.free import NONE
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
@@ -125,10 +125,10 @@ def diagnose(
 
 
 def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: DiagnoseOptions) -> float | None:
-    """Return the share of the force up to which a gap is none: where parameters competed alone, twice the noise."""
+    """Return the share of the force up to which a gap is none: where parameters competed alone, twice their rest."""
     if options.tolerance is not None or not chosen.competed or chosen.effect:
         return options.tolerance
-    return VISIBLE * white_noise_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
+    return VISIBLE * unexplained_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
 
 
 def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:

@@ -22,6 +22,7 @@ from ces_gap.calibrate.fitting import (
 )
 from ces_gap.calibrate.free import FreeParameters, choose_free
 from ces_gap.calibrate.parameters import find_groups
+from ces_gap.calibrate.remembered import RememberedSimulation
 from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.library import library
 from ces_gap.errors import GapError
@@ -137,6 +138,7 @@ def calibrate(
     progress("simulating", 0.0)
     fitted = open_logged(simulation, real)
     seconds = time_equal_calls(simulation, real, fitted, spec)
+    simulation = RememberedSimulation(simulation)
     held = open_logged(simulation, held_out)
     if not held:
         fitted, held = set_aside(fitted)
@@ -197,7 +199,8 @@ def free_parameters(
         note = f"the parameters keep their values: to fit them takes{tell_time(runs, seconds).strip(':')}; {how}"
         return FreedParameters(simulation, notes=(*free.notes, note))
     progress(f"fitting the simulation's parameters{tell_time(runs, seconds)}", 0.0)
-    found = fit_parameters(simulation, free, traces if has_held_out else set_aside(traces)[0], {}, twin)
+    remembered, traces = RememberedSimulation(simulation), traces if has_held_out else set_aside(traces)[0]
+    found = fit_parameters(remembered, free, traces, {}, twin)
     tried = [e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > SLOW_S)]
     choice = choose(found, tried, progress)
     best, freed = choice.best, tuple(estimate(found, choice.best))
@@ -246,6 +249,8 @@ def _assemble(
     missing = None if joint is None else _describe_missing(joint, simulation, held, noise_N)
     alternatives = tuple(Alternative(tuple(estimate(best, h)), _setting_of(h)) for h in choice.alternatives)
     series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
+    if isinstance(calibrated, RememberedSimulation):
+        calibrated = calibrated.changed
     facts = tuple(groups), before_N, after_N, noise_N, missing, alternatives, notes, best.is_smoothed, series
     return Calibration(spec, calibrated, parameters, *facts)
 

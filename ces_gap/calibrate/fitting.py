@@ -133,10 +133,13 @@ class ParameterFit:
         return gather(traces, plant, self.evidence.noise, features, covariance)
 
 
-def white_noise_N(traces: Sequence[Trace]) -> float:
-    """Return the noise [N] of the force, at least the numerical error of simulations."""
+def unexplained_N(traces: Sequence[Trace]) -> float:
+    """Return the RMS [N] that no parameter explains: noise, and the error that an identified model expects.
+
+    The noise is at least the numerical error of simulations.
+    """
     numerical_N = NUMERICAL_ERROR * rms(usable_values(traces, [t.force for t in traces]))
-    return max(noise_floor_N(traces), numerical_N, MIN_NOISE_N)
+    return math.hypot(max(noise_floor_N(traces), numerical_N, MIN_NOISE_N), own_error_N(traces))
 
 
 def fit_parameters(
@@ -150,9 +153,7 @@ def fit_parameters(
 
     `whole` numbers are set first. Effects inside the damper will be put into its `twin`.
     """
-    # what an identified model leaves on its own recordings is no parameter of another specimen
-    noise = make_white_noise(math.hypot(white_noise_N(logged), own_error_N(logged)))
-    smooth = smooth_traces(simulation, logged)
+    smooth, noise = smooth_traces(simulation, logged), make_white_noise(unexplained_N(logged))
     first, second = (_fit_on(simulation, free, traces, whole, twin, noise) for traces in (logged, smooth))
     if first.cost <= second.cost:
         return replace(first, others=tuple(smooth))

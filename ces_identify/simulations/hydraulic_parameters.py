@@ -29,6 +29,7 @@ TIMES = "times"
 MAX_GAIN = 3.0  # of the current: more would turn curves of a valve around
 MAX_GAS = 5.0  # change of the gas force, relative to the largest force
 WIDER = 10.0  # ranges of pressures and forces, in which a changed model is held
+MIN_CURRENT = 1e-3  # [A] of the range identified on
 LEAST = 0.01  # rise of a changed curve, relative to the least before
 
 
@@ -39,16 +40,16 @@ def hydraulic_parameters(model: Model) -> tuple[Parameter, ...]:
         return ()
     friction_N, lag_s = sum(one.yield_N for one in body.side.friction), 0.5 * (body.valve.rise_s + body.valve.fall_s)
     most_N, speed = max(map(abs, model.force_envelope_N)), max(map(abs, model.envelope.speed_m_s))
-    is_moved = any(len(getattr(body, edge).rows) > 1 for edge in EDGES) or any(e.moved_N for e in body.side.friction)
+    currents = float(np.ptp(model.envelope.current_A)) > MIN_CURRENT  # of a constant one, gain and lag are unknown
     return (
         *(Parameter(name, 1.0, unit=TIMES) for name in find_valves(body)),
-        *([Parameter("current_gain", 1.0, 1.0 / MAX_GAIN, MAX_GAIN, TIMES)] if is_moved else []),
+        *([Parameter("current_gain", 1.0, 1.0 / MAX_GAIN, MAX_GAIN, TIMES)] if currents else []),
         Parameter("leak_m_s_rtN", 0.0, 0.0, speed / float(np.sqrt(most_N))),
         Parameter("oil_stiffness", 1.0, unit=TIMES),
         Parameter("gas_rate", 1.0, unit=TIMES),
         Parameter("gas_force_change_N", 0.0, -MAX_GAS * most_N, MAX_GAS * most_N),
         *([Parameter("friction_N", friction_N)] if friction_N > 0.0 else []),
-        *([Parameter("valve_lag_s", lag_s)] if lag_s > 0.0 else []),
+        *([Parameter("valve_lag_s", lag_s)] if currents and lag_s > 0.0 else []),
     )
 
 
