@@ -69,12 +69,12 @@ MAX_PACKAGE = {
     "ces_observer": 138,
     "ces_data": 86.3,
     "ces_report": 11.5,
-    "ces_identify": 167.6,
+    "ces_identify": 168.9,
     "ces_rig": 77,
-    "ces_gap": 124.3,
+    "ces_gap": 125.6,
     "ces_cli": 68.5,
     "bench": 81.4,
-    "test": 475,
+    "test": 476,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
