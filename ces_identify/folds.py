@@ -22,7 +22,7 @@ import numpy as np
 from ces_data.arrays import F, Mask
 from ces_data.recording import Recording
 from ces_identify.identification import IdentificationResult, identify
-from ces_identify.polynomial.search_limits import Listener
+from ces_identify.numerics.search import Listener
 from ces_identify.prepare.series import Series
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.validation.evaluate import VALIDATION, CostInterval, cost_interval

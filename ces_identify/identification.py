@@ -17,14 +17,14 @@ from ces_data.checks.content import marks_of_copies, require_distinct
 from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.recording import Recording
 from ces_data.samples import without_spikes
-from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchResult
+from ces_identify.numerics.search import INTERRUPTED, Listener, SearchResult
 from ces_identify.prepare.sampling import choose_motion, choose_sampling
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import run_batch
 from ces_identify.structures.forgetting import find_forgetting
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
-from ces_identify.trained.training import build_training
+from ces_identify.training import build_training
 from ces_identify.validation.band import fit_band
 from ces_identify.validation.cost_table import RULE, cost_table, usage
 from ces_identify.validation.evaluate import (

@@ -19,8 +19,7 @@ from ces_data.checks.derivatives import compare_derivative, describe_faults
 from ces_data.findings import WRONG_MODEL
 from ces_data.recording import Recording
 from ces_data.samples import remove_spikes
-from ces_identify.numerics.speed_kernels import Tracked, track
-from ces_identify.prepare.series import select_samples, usable_samples
+from ces_identify.prepare.series import Tracked, select_samples, track, usable_samples
 from ces_observer.bank_design import ACCELERATION, SPEED
 from ces_observer.errors import RecordingError
 from ces_observer.model import FREQUENCIES_HZ, MAX_DELAY_S, Sampling

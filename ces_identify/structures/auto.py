@@ -15,8 +15,7 @@ from functools import partial
 from math import inf
 
 from ces_data.arrays import F
-from ces_identify.numerics import search_clock
-from ces_identify.polynomial.search_limits import INTERRUPTED, THESIS, Listener
+from ces_identify.numerics.search import INTERRUPTED, THESIS, Listener, clock_s
 from ces_identify.prepare.series import Series
 from ces_identify.structures import KITS, run_batch
 from ces_identify.structures.forgetting import find_forgetting
@@ -72,7 +71,7 @@ class _Fits:
     listener: Listener
 
     def __post_init__(self) -> None:
-        self.end_s = search_clock.now() + self.options.limits.time
+        self.end_s = clock_s() + self.options.limits.time
         self.found: dict[str, Fitted] = {}
         self._is_over = False
         self._stop = threading.Event()
@@ -190,7 +189,7 @@ def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
         limits = options.limits
         if limits.method == THESIS or not physical_structures():
             return fitter(series, sampling, options, listener)
-        end = search_clock.now() + limits.time
+        end = clock_s() + limits.time
         fitted = fitter(series, sampling, replace(options, limits=limits.within(end, 1.0 - SHORT_SHARE)), listener)
         short = replace(options, limits=replace(limits.within(end), work=SHORT_WORK))
         costs = {option: fitted.results[0].cost}

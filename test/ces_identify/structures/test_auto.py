@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from planted import NETWORK, planted
 
-from ces_identify.polynomial.search_limits import INTERRUPTED, Limits
+from ces_identify.numerics.search import INTERRUPTED, Limits
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare
 from ces_identify.structures import KITS, auto, run_batch

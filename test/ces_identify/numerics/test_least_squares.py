@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from ces_identify.numerics.levenberg import MAX_MOVE, CentredProblem, damped_step, descend, descend_about_centre
+from ces_identify.numerics.least_squares import MAX_MOVE, CentredProblem, damped_step, descend, descend_about_centre
 
 
 def valley(params, most):
