@@ -14,10 +14,9 @@ from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS, model_table, run_batch
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.recurrent import Windows, descend
+from ces_identify.structures.recurrent import Windows, descend, fit_recurrent
 from ces_identify.structures.recurrent_network import (
     build_family,
-    fit_recurrent,
     new_states,
     run_member,
     run_member_back,
