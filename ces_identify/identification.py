@@ -17,6 +17,7 @@ from ces_data.checks.content import marks_of_copies, require_distinct
 from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.recording import Recording
 from ces_data.samples import without_spikes
+from ces_identify.limits import ResultLimits, TickLimits
 from ces_identify.numerics.search import INTERRUPTED, Listener, SearchResult
 from ces_identify.prepare.sampling import choose_motion, choose_sampling
 from ces_identify.prepare.series import Series, prepare
@@ -40,12 +41,8 @@ from ces_observer.errors import CesError, RecordingError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 
-UNEXPLAINED_J, WITHOUT_SPEED_J = 60.0, 30.0  # [%] beyond the noise; of a polynomial without the speed
 UNLIKE_FORCE = "the force does not follow these signals: check that topics, signs and damper are the right ones"
-ALL_TICKS, MAX_TICKS = 600_000, 300_000  # that are used; of more, one minute in three, four, ... of long recordings
 STRETCHES = "identified_on"  # key of the provenance
-MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
-AGREEMENT, AGREEMENT_J = 1.25, 0.5  # a model's J over the one shown for it, and [%] beside: a last fit changes less
 COSTS = "cost_J_percent"  # key of the provenance
 
 
@@ -92,9 +89,9 @@ class IdentificationResult:
             return ""
         cost = pooled_cost(fitted)
         noise = max(_noise_share(e.series.force[e.series.scored]) for e in fitted)
-        if not cost**2 < UNEXPLAINED_J**2 + (100.0 * noise) ** 2:
+        if not cost**2 < ResultLimits.UNEXPLAINED_J**2 + (100.0 * noise) ** 2:
             return f"the model explains nothing of the force: J is {cost:.1f} % on the data that it was fitted to"
-        if cost > WITHOUT_SPEED_J and not _follows_motion(self.model):
+        if cost > ResultLimits.WITHOUT_SPEED_J and not _follows_motion(self.model):
             return f"no term of the model follows the motion, and J is {cost:.1f} % on the data that it was fitted to"
         return ""
 
@@ -150,11 +147,11 @@ def _identify_at(
     whole = [prepare(without_spikes(r, split), sampling, has_spikes=False) for r in recordings]
     identified = [series.part(0.0, split) for series in whole]
     total = sum(map(len, identified))
-    every, everything = -(-total // MAX_TICKS) if total > ALL_TICKS else 1, identified
+    every, everything = -(-total // TickLimits.MAX) if total > TickLimits.ALL else 1, identified
     identified = [series.thin(every) for series in identified]
     thinned = sum(map(len, identified)) < total
-    if (scored := sum(int(series.scored.sum()) for series in identified)) < MIN_SCORED_TICKS:
-        text = f"{scored} ticks with a measured force past warm-up; expected at least {MIN_SCORED_TICKS}"
+    if (scored := sum(int(series.scored.sum()) for series in identified)) < TickLimits.MIN_SCORED:
+        text = f"{scored} ticks with a measured force past warm-up; expected at least {TickLimits.MIN_SCORED}"
         raise RecordingError(f"{', '.join(s.name for s in whole)}: {text}: record longer (are the times in s?)")
     fitted = fitter(identified, sampling, options, listener)
     require_shown_cost(fitted, identified, options)
@@ -162,7 +159,7 @@ def _identify_at(
     band = fit_band(fitted.model, identified, *how) if options.band else None
     model = replace(with_forgetting(fitted.model, identified, options.forget), band=band)
     rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
-    held_out = [series for series in rest if series.scored.sum() >= MIN_SCORED_TICKS]
+    held_out = [series for series in rest if series.scored.sum() >= TickLimits.MIN_SCORED]
     held_out += [prepare(recording, sampling) for recording in validation]
     evaluations = evaluate(model, everything, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
@@ -196,7 +193,7 @@ def require_shown_cost(fitted: Fitted, series: Sequence[Series], options: Identi
     training = build_training(series, options.weight)
     cost = training.cost(run_batch(fitted.model, training.inputs, training.segments)[0], training.selection)
     shown = fitted.results[0].cost
-    if not cost <= AGREEMENT * shown + AGREEMENT_J:
+    if not cost <= ResultLimits.AGREEMENT * shown + ResultLimits.AGREEMENT_J:
         raise CesError(
             f"the search showed J {shown:.2f} %, and its model has {cost:.2f} % on the same seconds: its fit leaves "
             "out some of them; take another structure, and report this"

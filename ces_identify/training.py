@@ -18,6 +18,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.limits import TickLimits
 from ces_identify.numerics.core import compiled, pointer, run_batch, with_names
 from ces_identify.numerics.least_squares import BLOCK, accumulate, longest_lag, mirror, propagate
 from ces_identify.polynomial.problem import assemble_problem
@@ -34,7 +35,6 @@ SIGNALS = ("position", "speed", "current")
 ROUND_ZERO = 0.25  # share of the force envelope's range by which it extends beyond 0, where every run starts
 LOOSE = 1e3  # limit of the force in a descent, in standard deviations
 MAX_GAIN = 0.98  # of the past forces: less than 1, so that the bound on the force is useful
-MIN_CHANGE = 1e-3  # relative range below which an input counts as constant and makes no regressor
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Training:
     def changing_inputs(self) -> set[str]:
         """Return the names of the inputs that are not constant."""
         ranges = {name: (np.ptp(row), np.abs(row).max()) for name, row in zip(SIGNALS, self.inputs, strict=True)}
-        return {name for name, (span, size) in ranges.items() if span > MIN_CHANGE * max(1e-9, size)}
+        return {name for name, (span, size) in ranges.items() if span > TickLimits.MIN_CHANGE * max(1e-9, size)}
 
 
 def build_regressors(data: Training, lags: Lags | LagCounts, rate_Hz: float) -> tuple[Regressor, ...]:

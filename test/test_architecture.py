@@ -36,7 +36,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     ),
     "ces_report": ("typesetting table drawing shell figure plot charts"),
     "ces_identify": (
-        "jobs numerics schema_files prepare polynomial training physical structures options export "
+        "limits jobs numerics schema_files prepare polynomial training physical structures options export "
         "simulations characteristics validation comparison identification report campaign folds api"
     ),
     "ces_rig": ("errors drive sensors dampers experiment withheld blind live"),

@@ -15,6 +15,7 @@ from math import inf
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.search import Limits, SearchResult, clock_s
 from ces_identify.polynomial.candidates import FIRST_GUESS_S, CandidateRules, SignalRule, constructions_from
 from ces_identify.polynomial.free_run_fit import fit_free_run
@@ -163,7 +164,6 @@ def find_time_constants(
 
 
 SUB_MODELS, BY_STROKE = 5, "by_position"  # over the stroke, and their name
-STROKE_GAIN = 0.8  # share of the selection cost below which sub-models over the stroke count
 STROKE_ENDS = (0.01, 0.99)  # quantiles of the position: the outer sub-models
 MIN_STROKE_M = 1e-3
 
@@ -185,7 +185,7 @@ def add_stroke_if_needed(
     end = clock_s() + limits.time
     tried = (_coarse_problem(one, series, stable, weighting) for one in (rules, blended))
     costs = [_search_shortly(problem, limits.within(end)).cost for problem in tried]
-    return blended if costs[1] < STROKE_GAIN * costs[0] and clock_s() <= end else rules
+    return blended if costs[1] < ChoiceLimits.SUB_MODEL_GAIN * costs[0] and clock_s() <= end else rules
 
 
 def _coarse_problem(

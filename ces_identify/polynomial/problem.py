@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
+from ces_identify.limits import TickLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.core import compiled, core_kernel
 from ces_identify.numerics.kernels import TermArrays
@@ -143,7 +144,6 @@ def _power(factor: Factor) -> Power:
 
 BLOCK_S = 1.0  # length of a block [s]
 ESTIMATION_BLOCKS, PERIOD_BLOCKS = 2, 3
-MIN_TICKS = 200
 MAX_GAIN = 0.995  # of past forces at the probed inputs; leaves a margin for the proof over all inputs
 CHUNK = 4096  # ticks per block of regressors held in memory
 INPUT_MARGIN = 0.1  # of an input's span
@@ -253,9 +253,9 @@ def assemble_problem(
     everything = np.concatenate([_weights(s, s.scored, weighting) for s in series])
     selection = np.concatenate([_weights(s, s.scored & ~estimation_ticks(s), weighting) for s in series])
     one_step = _fit_weights(series, compiled, weighting)
-    if np.count_nonzero(one_step) < MIN_TICKS:
+    if np.count_nonzero(one_step) < TickLimits.MIN_ERRORS:
         raise RecordingError(
-            f"{np.count_nonzero(one_step)} estimation ticks; expected at least {MIN_TICKS}: record longer"
+            f"{np.count_nonzero(one_step)} estimation ticks; expected at least {TickLimits.MIN_ERRORS}: record longer"
         )
     known = measured[everything > 0]
     margin = EXTENSION * float(np.ptp(known))

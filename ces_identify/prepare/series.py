@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Channel, Recording
 from ces_data.samples import mask_lost, measured_at
+from ces_identify.limits import TickLimits
 from ces_identify.numerics.core import compiled, core_kernel, pointer
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
@@ -44,8 +45,6 @@ from ces_observer.tick.tracker import (
     TICKS,
     UNSETTLED,
 )  # fmt: skip
-
-STRETCH_S = 60.0  # of a long series of which only a part is used
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ class Series:
         """Return one minute in `every` of the ticks, each with its own warm-up; the series itself for 1."""
         if every <= 1:
             return self
-        minute = np.arange(len(self)) // round(STRETCH_S * self.rate_Hz)
+        minute = np.arange(len(self)) // round(TickLimits.STRETCH_S * self.rate_Hz)
         keep = minute % every == 0
         segment = np.repeat(np.arange(len(self.segments)), np.diff(self.segments)[:, 0])[keep]
         starts = np.flatnonzero((np.diff(segment, prepend=-1) != 0) | (np.diff(minute[keep], prepend=-1) != 0))

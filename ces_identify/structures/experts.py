@@ -19,6 +19,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, I
+from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.core import core_kernel
 from ces_identify.numerics.least_squares import CentredProblem, descend_about_centre
 from ces_identify.numerics.search import Limits, Listener, SearchResult, reason_to_end, run_starts
@@ -60,7 +61,7 @@ GAIN_PULL = 1e-5  # [(J / 100)^2] of a squared change of a gain's or room's para
 LAGS_S = (0.0, 1e-3, 3e-3, 7e-3, 15e-3)  # of speed and current (Dyke: 15 %; with the last four ticks of 3 kHz 20 %),
 LEAST_LAGS = 4  # and at least so many (Keio, 200 Hz: 9 %, with three 11 %)
 DECAY = 3e-6  # [(J / 100)^2] cost of a squared weight
-STARTS, MEMBERS, ALIKE = 6, 3, 1.2  # starts at most; of these in the mean, within this ratio of the best's cost
+STARTS, MEMBERS = 6, 3  # starts at most; of these in the mean
 STARTS_TICKS = 120_000  # of all starts together; there are MEMBERS at least
 ROUNDING = 1e-12  # relative, of the limit of a gain
 
@@ -249,15 +250,16 @@ def fit_experts(
     starts = min(options.limits.starts, STARTS, max(MEMBERS, STARTS_TICKS // len(training.measured)))
     limits = replace(options.limits, starts=starts)
     results = run_starts(limits, partial(train_experts, family, limits, listener))
-    best = [one for one in results if one.cost <= ALIKE * results[0].cost and np.isfinite(one.cost)][:MEMBERS]
+    highest = ChoiceLimits.EXPERTS_ALIKE * results[0].cost
+    best = [start for start in results if start.cost <= highest and np.isfinite(start.cost)][:MEMBERS]
     if not best:
         raise CesError("no start of the experts' fit gave a model; give more time, starts or data")
-    members = [one.coefficients for one in best]
+    members = [start.coefficients for start in best]
     mean = np.mean([family.force(params) for params in members], axis=0)
     results[0] = replace(results[0], cost=training.cost(mean, training.selection))
     listener(results[0])
     make = partial(_build_model, family, sampling)
-    model = make([refit_member(family, one, training.estimation + training.selection) for one in members])
+    model = make([refit_member(family, params, training.estimation + training.selection) for params in members])
     how = {
         "method": "Levenberg-Marquardt on the free-run error, from free gains into bounded ones; the mean of the best",
         "parameters": sum(map(len, members)),

@@ -23,6 +23,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from ces_data.arrays import F
+from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.least_squares import descend
 from ces_identify.numerics.search import (
     INTERRUPTED,
@@ -45,7 +46,6 @@ from ces_observer.structures.lagged_signals import longest_lags
 REFIT_STEPS = 4  # trial steps of Levenberg-Marquardt
 LAG_WORK, LAG_SIZE = 0.03, 6  # of a fit that chooses lags: share of the work of a start, units or rules at most
 STROKE_WORK, STROKE_SIZE = 0.1, 20  # of a fit that shows whether the stroke counts
-STROKE_GAIN = 0.92  # share of the selection cost below which it does
 
 
 PENALTY_MARGIN = 0.002  # below MAX_GAIN, where the penalty begins
@@ -113,7 +113,8 @@ class LaggedShape(ABC):
 
         lags = LAG_SETS[int(np.argmin([cost(one, False, LAG_WORK, LAG_SIZE) for one in LAG_SETS]))]
         plain, deeper = (cost(lags, stroke, STROKE_WORK, STROKE_SIZE) for stroke in (False, True))
-        return self.with_inputs(lags, "position" in data.changing_inputs() and deeper < STROKE_GAIN * plain)
+        counts = "position" in data.changing_inputs() and deeper < ChoiceLimits.STROKE_GAIN * plain
+        return self.with_inputs(lags, counts)
 
 
 def _refit(family: Family, params: F, sampling: Sampling, weights: F) -> Model | None:
