@@ -116,9 +116,16 @@ class BandLimits:
     CONSTANT_SHARE = 0.2  # of the squared error, which does not grow with the distance
     PHYSICAL_SHARE = 0.75  # the same for a structure with physics inside, whose error hardly grows
     MAX_PARTS = 6  # recordings left out in turn, or groups of them
-    STRETCHES = 3  # of each recording, left out in turn
     MIN_SPREAD = 1e-6  # [m, m/s, A]: a state that changes less counts as constant
     MIN_SIZE = 1e-3  # of an error's prediction, relative to the mean error
+
+
+class FoldLimits:
+    """Parts of recordings that a model has not seen."""
+
+    MIN_STRETCH_S = 2.0  # [s] of a stretch of a single recording as a fold: one without warm-up and a swing
+    MAX_PARTS = 4  # recordings left out in turn by `cross_fit`, or groups of them: a refit each
+    STRETCHES = 3  # of a recording, left out in turn
 
 
 class ChoiceLimits:

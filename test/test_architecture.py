@@ -37,7 +37,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     "ces_report": ("typesetting table drawing shell figure plot charts"),
     "ces_identify": (
         "limits jobs numerics schema_files prepare polynomial training physical structures options export "
-        "simulations characteristics validation comparison identification report campaign folds api"
+        "simulations characteristics validation comparison identification report campaign api"
     ),
     "ces_rig": ("errors drive sensors dampers experiment withheld blind live"),
     "ces_gap": (

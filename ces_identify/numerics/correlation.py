@@ -35,6 +35,13 @@ INSIGNIFICANT_IN_A_ROW = 5  # lags: K_N of Politis & White
 FLAT = 0.5  # share of the flat-top window that is flat
 
 
+def noise_rms(values: F) -> float:
+    """Return the RMS of the white noise in samples (n,), by the median of their third differences; 0 of less than 8."""
+    if len(values) < 8:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(np.diff(values, 3))) / math.sqrt(20.0))
+
+
 def find_runs(mask: Mask, segments: I) -> I:
     """Return the runs (r, 2) of the ticks where `mask` (m,) is true, as indices among these ticks."""
     starts = np.zeros(len(mask), bool)

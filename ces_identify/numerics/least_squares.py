@@ -87,31 +87,45 @@ def mirror(matrix: F) -> None:
 
 Evaluate = Callable[[F, float], tuple[float, F, F]]
 
-FIRST_DAMPING = 1e-2
-MAX_DAMPING = 1e8
-MIN_DAMPING = 1e-9
+
+@dataclass(frozen=True)
+class Damping:
+    """How a descent changes its damping: divided by `faster` after a step that helps, times `slower` after another.
+
+    No parameter moves by more than `max_move` in a step.
+    """
+
+    least: float
+    most: float
+    faster: float
+    slower: float
+    max_move: float = inf
+    first: float = 1e-2
 
 
-def descend(evaluate: Evaluate, start: F) -> Iterator[tuple[float, F]]:
+FREE = Damping(1e-9, 1e8, 5.0, 5.0)
+CENTRED = Damping(1e-8, 1e7, 6.0, 4.0, max_move=0.8)
+
+
+def descend(evaluate: Evaluate, start: F, damping: Damping = FREE) -> Iterator[tuple[float, F]]:
     """Yield (error, parameters) of the start and after each trial step; stop when no step lowers the error.
 
     `evaluate(parameters, max_error)` returns the squared error (infinite if above `max_error`), its Gauss-Newton matrix
     and the gradient J^T (measured - simulated). Damping scales with the matrix's diagonal (Marquardt 1963).
     """
-    params, damping = start, FIRST_DAMPING
+    params, factor = start, damping.first
     error, matrix, gradient = evaluate(params, inf)
     if not np.isfinite(error):
         return
     yield error, params
-    while damping < MAX_DAMPING:
-        trial = params + damped_step(matrix, gradient, damping)
+    while factor < damping.most:
+        trial = params + np.clip(damped_step(matrix, gradient, factor), -damping.max_move, damping.max_move)
         outcome = evaluate(trial, error) if np.isfinite(trial).all() else (inf, matrix, gradient)
         if outcome[0] < error:
-            params = trial
+            params, factor = trial, max(factor / damping.faster, damping.least)
             error, matrix, gradient = outcome
-            damping = max(0.2 * damping, MIN_DAMPING)
         else:
-            damping *= 5.0
+            factor *= damping.slower
         yield error, params
 
 
@@ -125,11 +139,6 @@ def damped_step(matrix: F, gradient: F, damping: float) -> F:
         return np.asarray(scale * np.linalg.solve(scaled, scale * gradient))
     except np.linalg.LinAlgError:
         return np.zeros_like(gradient)
-
-
-CENTRED_FIRST_DAMPING, CENTRED_MAX_DAMPING, CENTRED_MIN_DAMPING = 1e-2, 1e7, 1e-8
-FASTER, SLOWER = 6.0, 4.0
-MAX_MOVE = 0.8  # of a parameter in a step
 
 
 @dataclass(frozen=True)
@@ -148,25 +157,20 @@ class CentredProblem:
         """Return the penalty."""
         return float(self.weights @ (theta - self.centre) ** 2)
 
+    def evaluate(self, theta: F, max_error: float) -> tuple[float, F, F]:
+        """Return what `descend` needs; the normal equations only of parameters below `max_error`."""
+        penalty = self.penalty(theta)
+        if max_error < inf and not self.error(theta) + penalty < max_error:
+            return inf, np.empty(0), np.empty(0)
+        error, matrix, gradient = self.normal_equations(theta)
+        pull = self.weights * (theta - self.centre)
+        return error + penalty, matrix + np.diag(self.weights), -gradient - pull
+
 
 def descend_about_centre(problem: CentredProblem, start: F) -> Iterator[tuple[float, F]]:
-    """Yield (error with penalty, parameters) after each accepted step; stop when none lowers it.
-
-    No parameter moves by more than MAX_MOVE in a step.
-    """
-    theta, damping = start, CENTRED_FIRST_DAMPING
-    while damping < CENTRED_MAX_DAMPING:
-        error, matrix, gradient = problem.normal_equations(theta)
-        total = error + problem.penalty(theta)
-        if not np.isfinite(total):
-            return
-        matrix = matrix + np.diag(problem.weights)
-        downhill = -gradient - problem.weights * (theta - problem.centre)
-        while damping < CENTRED_MAX_DAMPING:
-            trial = theta + np.clip(damped_step(matrix, downhill, damping), -MAX_MOVE, MAX_MOVE)
-            value = problem.error(trial) + problem.penalty(trial)
-            if value < total:
-                theta, damping = trial, max(damping / FASTER, CENTRED_MIN_DAMPING)
-                yield value, theta
-                break
-            damping *= SLOWER
+    """Yield (error with penalty, parameters) after each step that lowers it; stop when none does."""
+    before = start
+    for value, theta in descend(problem.evaluate, start, CENTRED):
+        if theta is not before:
+            before = theta
+            yield value, theta

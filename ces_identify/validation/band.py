@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ces_data.arrays import F, Mask
-from ces_identify.limits import BandLimits, TickLimits
+from ces_identify.limits import BandLimits, FoldLimits, TickLimits
 from ces_identify.prepare.series import Series
 from ces_identify.simulations.band_run import NOWHERE, band_state, parts_and_growth
 from ces_identify.simulations.simulate import simulate_series
@@ -62,7 +62,10 @@ def fit_band(
     ways: list[_Errors] = []
     if refit is not None:
         errors_without = partial(_errors_without, refit, series, band)
-        for parts in _ways_to_hold_out(series, leave_out_recordings):
+        held_out = [masks_by_stretch(series)]
+        if leave_out_recordings and len(series) > 1:
+            held_out.insert(0, masks_by_recording(series, BandLimits.MAX_PARTS))
+        for parts in held_out:
             with ThreadPoolExecutor(max(1, threads)) as pool:
                 found = list(pool.map(errors_without, parts))
             ways.append(_join([errors for errors in found if errors is not None]))
@@ -71,13 +74,16 @@ def fit_band(
     return _fit_parts(band, ways) if len(ways[0].size) >= TickLimits.MIN_ERRORS else None
 
 
-def _ways_to_hold_out(series: Sequence[Series], leave_out_recordings: bool) -> list[list[list[Mask]]]:
-    """Return the ways to divide the ticks into parts, one mask for each series: by recordings, and by stretches."""
-    groups = min(len(series), BandLimits.MAX_PARTS)
-    by_recording = [[np.full(len(s), i % groups == group) for i, s in enumerate(series)] for group in range(groups)]
-    count = BandLimits.STRETCHES
-    by_stretch = [[count * np.arange(len(s)) // len(s) == k for s in series] for k in range(count)]
-    return [by_recording, by_stretch] if leave_out_recordings and groups > 1 else [by_stretch]
+def masks_by_recording(series: Sequence[Series], most: int) -> list[list[Mask]]:
+    """Return at most so many parts of the ticks, each as a mask for each series: groups of whole recordings."""
+    groups = min(len(series), most)
+    return [[np.full(len(s), i % groups == group) for i, s in enumerate(series)] for group in range(groups)]
+
+
+def masks_by_stretch(series: Sequence[Series]) -> list[list[Mask]]:
+    """Return parts of the ticks, each as a mask for each series: a stretch of every recording."""
+    count = FoldLimits.STRETCHES
+    return [[count * np.arange(len(s)) // len(s) == k for s in series] for k in range(count)]
 
 
 def _errors_without(refit: Refit, series: Sequence[Series], band: Band, out: Sequence[Mask]) -> _Errors | None:

@@ -18,7 +18,7 @@ import numpy as np
 from ces_data.arrays import F
 from ces_data.checks.check import require_consistent
 from ces_data.recording import Recording
-from ces_identify.folds import cross_fit
+from ces_identify.identification import cross_fit
 from ces_identify.numerics.search import INTERRUPTED, Listener, SearchResult
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
