@@ -8,8 +8,7 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Recording
-from ces_identify.numerics.speed_kernels import Tracked
-from ces_identify.prepare.series import FreeRun, Series, prepare, select_samples, track_samples
+from ces_identify.prepare.series import FreeRun, Series, Tracked, prepare, select_samples, track_samples
 from ces_identify.structures import run_batch
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.structure import Range
