@@ -36,7 +36,7 @@ from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.regions.locate import NOWHERE, locate_gap
 from ces_gap.report.parameters import with_parameters
-from ces_gap.trace import usable_values
+from ces_gap.trace import own_error_N, usable_values
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 
 FREED = "parameters of the simulation"
@@ -126,7 +126,7 @@ def diagnose(
 
 def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: DiagnoseOptions) -> float | None:
     """Return the share of the force up to which a gap is none: where parameters competed alone, twice their rest."""
-    if options.tolerance is not None or not chosen.competed or chosen.effect:
+    if options.tolerance is not None or not chosen.competed or (chosen.effect and not own_error_N(inputs.real)):
         return options.tolerance
     return VISIBLE * unexplained_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
 
