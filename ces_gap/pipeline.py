@@ -10,15 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 
 from ces_data.recording import Recording
+from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.baseline.twin import Twin
-from ces_gap.calibrate.calibration import FreedParameters, free_parameters
+from ces_gap.calibrate.calibration import FittedParameter, FreedParameters, free_parameters
+from ces_gap.calibrate.changed import changed_parameters
 from ces_gap.calibrate.choice import VISIBLE
 from ces_gap.calibrate.fitting import unexplained_N
 from ces_gap.calibrate.free import NONE
-from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.effects.effect import Effect
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, Estimate, Explanation
+from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.library import library, require_sound
 from ces_gap.effects.simulation_errors import SampleTiming, simulation_errors
 from ces_gap.experiment.next_experiment import find_pairs, propose_experiment
@@ -26,7 +29,7 @@ from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, learn_baseline
 from ces_gap.inference.findings import bound_notes, collect_findings, timing_notes
 from ces_gap.inference.held_out import HeldOutScores, apply_judgement, collect_evidence, score_held_out
-from ces_gap.inference.judgement import Judgement, SearchFindings
+from ces_gap.inference.judgement import PARAMETERS, Judgement, SearchFindings
 from ces_gap.inference.odds import calibration
 from ces_gap.inference.refinement import Refinement
 from ces_gap.inference.search import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED, EffectSearchResult, search
@@ -35,6 +38,7 @@ from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_not
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.regions.locate import NOWHERE, locate_gap
+from ces_gap.report.calibration import describe_values
 from ces_gap.report.parameters import with_parameters
 from ces_gap.trace import own_error_N, usable_values
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
@@ -109,6 +113,9 @@ def diagnose(
     progress("learning the baseline error", 0.0)
     baseline = learn_baseline(inputs)
     visible = [e for e in effects if e.name not in dict(invisible) and not (e.edits and inputs.twin_problem)]
+    if reference and options.fit and list(options.fit) != [NONE] and isinstance(inputs.exact, DirectSimulator):
+        ask = inputs.exact.simulation, spec, baseline.evidence, options.fit
+        visible += optional.run(FREED, lambda: changed_parameters(*ask), [])
     share = MIN_GAIN_SHARE if inputs.reference else MIN_GAIN_SHARE_UNCORRECTED
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
     progress("computing the ceiling", 0.0)
@@ -121,7 +128,27 @@ def diagnose(
     stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement)
     diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
     diagnosis = replace(diagnosis, notes=(*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes))
-    return with_parameters(diagnosis, chosen)
+    diagnosis = with_parameters(diagnosis, chosen)
+    return _with_changes(diagnosis) if reference else diagnosis
+
+
+def _with_changes(d: Diagnosis) -> Diagnosis:
+    """Return the diagnosis with what parameters were before that have changed since the references were recorded."""
+    causes, composition = tuple(map(_with_defaults, d.causes)), _with_defaults(d.composition)
+    own = [e for found in composition.estimates for e in found if isfinite(e.default)]
+    changed = [e for e in own if not e.ci95[0] <= e.default <= e.ci95[1]]
+    words = describe_values([FittedParameter(e.name, e.value, e.ci95, e.default) for e in changed])
+    sentence = f"{d.sentence} {words}." if changed and d.verdict in (NAMED, AMBIGUOUS) else d.sentence
+    return replace(d, causes=causes, composition=composition, sentence=sentence)
+
+
+def _with_defaults(one: Explanation) -> Explanation:
+    def complete(setting: Setting, found: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+        pairs = zip(found, setting.effect.parameters, strict=True)
+        own = setting.name == PARAMETERS
+        return tuple(replace(e, default=p.starts[0]) for e, p in pairs) if own else found
+
+    return replace(one, estimates=tuple(map(complete, one.composition.settings, one.estimates)))
 
 
 def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: DiagnoseOptions) -> float | None:
