@@ -71,10 +71,10 @@ MAX_PACKAGE = {
     "ces_report": 11.5,
     "ces_identify": 168.9,
     "ces_rig": 77,
-    "ces_gap": 125.6,
+    "ces_gap": 126.5,
     "ces_cli": 68.7,
     "bench": 81.4,
-    "test": 476.5,
+    "test": 477,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
