@@ -24,13 +24,7 @@ from ces_cli.terminal.inputs import (
     with_distinct_names,
     with_teacher_force,
 )
-from ces_cli.terminal.options import (
-    ALL,
-    BAGS,
-    BAGS_FORM,
-    OptionRule,
-    never_with,
-)
+from ces_cli.terminal.options import ALL, BAGS, BAGS_FORM, OptionRule, never_with
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.results import (

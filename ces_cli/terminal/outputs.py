@@ -121,9 +121,9 @@ def without_text(wanted: bool) -> Iterator[None]:
         yield
 
 
-def print_document(program: str, content: Mapping[str, object], version: int = SCHEMA_VERSION) -> None:
+def print_document(program: str, content: Mapping[str, object]) -> None:
     """Print the document `ces-PROGRAM/VERSION` with `content`."""
-    head = {"schema": f"ces-{program}/{version}", "ces_observer": __version__}
+    head = {"schema": f"ces-{program}/{SCHEMA_VERSION}", "ces_observer": __version__}
     document = {**head, **content, **head}  # the head first, whatever `content` has under its keys
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
     as_escapes = not encoding.startswith("utf")  # JSON has its own for characters that the output does not take

@@ -33,12 +33,12 @@ PAST_S = 0.02  # time constant of the low-passes
 COUNT = 240  # features
 
 
-def scaled_state(stroke_m: F, speed_m_s: F, current_A: F, limits: RigLimits, interval_s: float = INTERVAL_S) -> F:
+def scaled_state(stroke_m: F, speed_m_s: F, current_A: F, limits: RigLimits) -> F:
     """Return the state (n, 5), each component about -1 to 1 within the limits; speeds are stretched around zero."""
     half = max(0.5 * (limits.high_A - limits.low_A), 1e-9)
     current = (current_A - 0.5 * (limits.high_A + limits.low_A)) / half
     speed = stretch(speed_m_s / limits.speed_m_s)
-    changes = [2.0 * _change(signal, interval_s) for signal in (speed, current)]
+    changes = [2.0 * _change(signal) for signal in (speed, current)]
     return np.column_stack([(stroke_m - limits.centre_m) / limits.stroke_m, speed, current, *changes])
 
 
@@ -47,8 +47,8 @@ def stretch(share: F) -> F:
     return np.asarray(np.arcsinh(share / KNEE) / np.arcsinh(1.0 / KNEE))
 
 
-def _change(signal: F, interval_s: float) -> F:
-    decay = np.exp(-interval_s / PAST_S)
+def _change(signal: F) -> F:
+    decay = np.exp(-INTERVAL_S / PAST_S)
     return np.asarray(signal - lfilter([1.0 - decay], [1.0, -decay], signal, zi=[decay * signal[0]])[0])
 
 
