@@ -65,6 +65,7 @@ class _Stages:
     findings: SearchFindings
     scores: HeldOutScores
     judgement: Judgement
+    freed: bool  # whether parameters changed the simulation
 
 
 def diagnose(
@@ -118,7 +119,7 @@ def diagnose(
     scores = score_held_out(inputs, baseline, result, findings, options.seed, progress)
     judgement = judge(collect_evidence(findings, scores))
     scores = apply_judgement(scores, judgement)
-    stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement)
+    stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement, bool(chosen.freed))
     diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
     diagnosis = replace(diagnosis, notes=(*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes))
     return with_parameters(diagnosis, chosen)
@@ -145,7 +146,9 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
     progress("locating the gap", 0.0)
     location = optional.run(
         "location of the gap",
-        lambda: locate_gap(result.evidence, scores.series, options.seed, with_rest=judgement.verdict == UNKNOWN),
+        lambda: locate_gap(
+            result.evidence, scores.series, options.seed, judgement.verdict == UNKNOWN, of_original=stages.freed
+        ),
         NOWHERE,
     )
     experiment = None
@@ -194,5 +197,5 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
         correction=baseline.correction,
         figures=findings.figures,
         probe=inputs.probe,
-        rare=scores.rare,
+        rare=scores.rare if judgement.verdict in (NO_GAP, UNKNOWN) else scores.rare_left,
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ces_data.arrays import F
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
-from ces_gap.grid import number_blocks
+from ces_gap.grid import number_blocks, rms
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, Interval, estimate_parameters, fit_from
 from ces_gap.inference.judgement import (
@@ -35,6 +35,7 @@ BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
 SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
+SMALL = 0.3  # of a rare deviation: what an explanation leaves of it at most, a tenth of its energy
 HIDDEN = 3.0  # times the gap's RMS: what is as large lasts at most 1/9 of the time, and the RMS hides it
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
@@ -91,6 +92,7 @@ class HeldOutScores:
     timed_N: float
     notes: tuple[str, ...] = ()  # on forces that the simulation refused
     rare: RareDeviation | None = None  # of the measured force from the corrected simulation
+    rare_left: RareDeviation | None = None  # of the measured force from the best explanation
 
 
 def score_held_out(
@@ -121,6 +123,11 @@ def score_held_out(
     timed = [scorer.explain(f, scorer.forces(f, True)).gap_after_N for f in timing]
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     known = {} if best is None else {best.composition: forces}
+    asked = inputs, baseline, findings.tolerance_N, blocks.traces
+    rare, rare_left = _find_rare(*asked, (*result.evidence.alone, *scorer.alone)), None
+    if best is not None and np.isfinite(together.gap_after_N):
+        modelled = (*result.evidence.forces(best.composition), *forces)
+        rare_left = _find_rare(*asked, modelled, 0.0 if rare is None else rare.mean_N)
     return HeldOutScores(
         gap=_gap(scorer, _find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
@@ -130,23 +137,35 @@ def score_held_out(
         nothing=nothing,
         timed_N=min([nothing.gap_after_N, *timed]),
         notes=tuple(scorer.optional.notes),
-        rare=_find_rare(inputs, baseline, result, findings, scorer),
+        rare=rare,
+        rare_left=rare_left,
     )
 
 
 def _find_rare(
     inputs: DiagnosisInput,
     baseline: Baseline,
-    result: EffectSearchResult,
-    findings: SearchFindings,
-    scorer: HeldOutScorer,
+    tolerance_N: float,
+    held_out: Sequence[Trace],
+    forces: Sequence[F],
+    before_N: float = 0.0,
 ) -> RareDeviation | None:
-    """Return the largest local deviation on fitted and held-out recordings, if it is more than the references have."""
+    """Return the largest local deviation from `forces` [N] (n,) on fitted and held-out recordings.
+
+    It is more than the references have, than the RMS shows, and than a small part of one of `before_N`.
+    """
     errors = [t.force - baseline.plant.alone(t) for t in inputs.reference]
     known = [np.where(t.usable, error, np.nan) for t, error in zip(inputs.reference, errors, strict=True)]
-    traces, forces = (*result.evidence.traces, *scorer.blocks.traces), (*result.evidence.alone, *scorer.alone)
-    gap_N = max(findings.size.gap_N, scorer.blocks.rms(scorer.corrected)[0])
-    return find_rare_deviation(traces, forces, known, max(findings.tolerance_N, HIDDEN * gap_N))
+    count = len(inputs.real)
+    gaps_N = _gap_N(inputs.real, forces[:count]), _gap_N(held_out, forces[count:])
+    least_N = max(tolerance_N, HIDDEN * max(gaps_N), SMALL * abs(before_N))
+    return find_rare_deviation((*inputs.real, *held_out), forces, known, least_N)
+
+
+def _gap_N(traces: Sequence[Trace], forces: Sequence[F]) -> float:
+    """Return the RMS [N] of measured minus modelled force without the noise."""
+    error = usable_values(traces, [t.force - f for t, f in zip(traces, forces, strict=True)])
+    return math.sqrt(max(rms(error) ** 2 - noise_floor_N(traces) ** 2, 0.0))
 
 
 def gaps_without_each(scorer: HeldOutScorer, evidence: Evidence, fit: EffectFit) -> tuple[float, ...]:
@@ -228,6 +247,7 @@ def collect_evidence(search: SearchFindings, scores: HeldOutScores) -> VerdictEv
         is_undetermined=has_undetermined_effect(composition),
         in_band_N=gap.noise_in_band_N,
         is_rare=scores.rare is not None,
+        leaves_rare=scores.rare_left is not None,
     )
 
 

@@ -78,7 +78,7 @@ def _describe_missing(c: Calibration, changed: Sequence[FittedParameter]) -> str
     if c.missing is None:
         return ""
     beside = "beside them" if len(changed) > 1 else "beside it" if changed else "in the simulation"
-    what = sentence_case(effect_name(c.missing.setting.name)) + _size_of(c.missing.setting)
+    what = sentence_case(describe_setting(c.missing.setting))
     return f"{what} is missing {beside}: with it {_newtons(c.missing.gap_after_N)} are left."
 
 
@@ -91,15 +91,16 @@ def _describe_alternatives(c: Calibration) -> str:
 def describe_alternative(one: Alternative) -> str:
     """Return other values of parameters, and an effect, as `seal_N of 43 instead of 25 and friction of 20 N`."""
     values = [f"{p.name} of {format_number(p.value)} instead of {format_number(p.default)}" for p in one.parameters]
-    effects = [] if one.effect is None else [f"{effect_name(one.effect.name)}{_size_of(one.effect)}"]
+    effects = [] if one.effect is None else [describe_setting(one.effect)]
     return join_with([*values, *effects])
 
 
-def _size_of(setting: Setting) -> str:
-    """Return the magnitude of an effect as ` of 20 N`, empty if it has none."""
+def describe_setting(setting: Setting) -> str:
+    """Return an effect with its magnitude if it has one, as `friction of 20 N`."""
     pairs = zip(setting.effect.parameters, setting.values, strict=True)
     sizes = [parameter_text(Estimate(p.name, value, (value, value))) for p, value in pairs if p.magnitude]
-    return f" of {sizes[0][1]} {sizes[0][2]}".rstrip() if sizes else ""
+    size = f" of {sizes[0][1]} {sizes[0][2]}".rstrip() if sizes else ""
+    return effect_name(setting.name) + size
 
 
 def _describe_doubts(c: Calibration) -> str:
