@@ -42,9 +42,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference calibrate "
         "experiment regions diagnosis report pipeline api fleet"
     ),
-    "ces_cli": (
-        "terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema versions main"
-    ),
+    "ces_cli": ("terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema main"),
 }
 ROS = {
     "rclpy",
