@@ -233,8 +233,8 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     options = DiagnoseOptions(threads=1, experiment=False)
     diagnosis = diagnose(simulation, spec, real, held_out, reference, options)
     write_gap(out / GAP, diagnosis)
-    found = diagnosis.composition.composition, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded
-    save_augmented(out / AUGMENTED, spec, *found, timing=diagnosis.probe.corrected)
+    explanation = diagnosis.composition.composition, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded
+    save_augmented(out / AUGMENTED, spec, *explanation, timing=diagnosis.probe.corrected)
     figures = None if diagnosis.figures is None else asdict(diagnosis.figures)  # behind the verdict
     write_atomically(out / DECISION, json.dumps({"figures": figures}, indent=1) + "\n")
     _replay(out, simulation, held_out)
@@ -257,7 +257,7 @@ def _prepare_simulation(case: Path, out: Path, described: Mapping[str, Any], mod
 
 def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Recording]:
     recordings = zip(names, _read_bags(case, names), strict=True)
-    return [with_predictions(simulation, case / name, one, load_signals()) for name, one in recordings]
+    return [with_predictions(simulation, case / name, recording, load_signals()) for name, recording in recordings]
 
 
 def _read_bags(case: Path, names: Sequence[str]) -> list[Recording]:

@@ -143,9 +143,9 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
     measured, (bags, validation) = _read_recordings(paths, options)
     require_distinct(bags, validation)
-    found = check_together([*bags, *validation])
-    require_sound(found, options.ignore_findings)
-    print_warnings(found)
+    findings = check_together([*bags, *validation])
+    require_sound(findings, options.ignore_findings)
+    print_warnings(findings)
     how = build_identify_options(
         {
             **values,
@@ -156,7 +156,7 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
         terminal.print_line(motion, console=terminal.err)
     left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
     how = replace(how, limits=replace(how.limits, time=SEARCH_SHARE * left_s))
-    return Identification(options, bags, validation, measured, how, found)
+    return Identification(options, bags, validation, measured, how, findings)
 
 
 def _read_recordings(
@@ -169,7 +169,7 @@ def _read_recordings(
     learned = measured
     if options.teacher is not None:
         teacher = open_simulation(options.teacher)
-        learned = {path: with_teacher_force(teacher, path, one, signals) for path, one in measured.items()}
+        learned = {path: with_teacher_force(teacher, path, recording, signals) for path, recording in measured.items()}
     return tuple(measured.values()), [[learned[path] for path in group] for group in groups]
 
 
@@ -187,8 +187,11 @@ def with_teacher(result: IdentificationResult, teacher: str, measured: Sequence[
     """Return `result` with its teacher in the model's provenance; `measured` are the recordings as logged."""
     file = file_of(teacher)
     rows = [
-        {key: v if isinstance(v, str) else _round_finite(v) for key, v in {**asdict(one), "loss": one.loss}.items()}
-        for one in compare_with_teacher(result.model, result.evaluations, measured)
+        {
+            key: v if isinstance(v, str) else _round_finite(v)
+            for key, v in {**asdict(comparison), "loss": comparison.loss}.items()
+        }
+        for comparison in compare_with_teacher(result.model, result.evaluations, measured)
     ]
     sha256 = None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
     return _with_history(result, "teacher", {"simulation": teacher, "sha256": sha256, "cost_J_percent": rows})

@@ -150,7 +150,7 @@ def candidates(cases: Cases) -> tuple[F, F]:
     """
     single = [case for case in cases if case.kind != "pair"]
     names = sorted({name for case in single for name in (*case.probability, case.answer)})
-    claimed = [[sum(c.probability.get(one, 0.0) for one in _claims(c, name)) for name in names] for c in single]
+    claimed = [[sum(c.probability.get(claim, 0.0) for claim in _claims(c, name)) for name in names] for c in single]
     right = [[float(case.answer == name) for name in names] for case in single]
     return np.array(claimed).reshape(len(single), len(names)), np.array(right).reshape(len(single), len(names))
 

@@ -173,7 +173,7 @@ class Knowledge:
 def compare_models(model: Model, ensemble: Sequence[Model], pool: Pool) -> Knowledge:
     """Return what `model` and the models of the `ensemble` do not know about the pool's targets."""
     series = [series_of(motion, model.sampling.rate_Hz) for motion in pool.motions]
-    runs = [[simulate_series(one, s).force for s in series] for one in (model, *ensemble)]
+    runs = [[simulate_series(compared, s).force for s in series] for compared in (model, *ensemble)]
     at = [np.clip(pool.ticks * INTERVAL_S * s.rate_Hz, 0, len(s) - 1).astype(int) for s in series]
     scale = np.array([_rms(force) for force in runs[0]])
     forces = np.array([[f[ticks] for f, ticks in zip(run, at, strict=True)] for run in runs])
