@@ -12,12 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ces_data.recording import Recording
+from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
 from ces_gap.calibrate.calibration import FreedParameters, free_parameters
 from ces_gap.calibrate.choice import VISIBLE
 from ces_gap.calibrate.fitting import white_noise_N
 from ces_gap.calibrate.free import NONE
-from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library, require_sound
 from ces_gap.effects.simulation_errors import SampleTiming, simulation_errors
@@ -82,7 +83,7 @@ def diagnose(
     The result is validated on `held_out`, or on a part of `real`; `reference` recordings teach the baseline error.
     `progress` receives each step and the share of it that is done. Raises CesError if a diagnosis is not possible.
     """
-    options, optional = options or DiagnoseOptions(), OptionalSteps()
+    options, optional, original = options or DiagnoseOptions(), OptionalSteps(), simulation
     physics = (*library(), *options.effects)
     needs_twin = any(effect.edits for effect in physics)
 
@@ -121,8 +122,15 @@ def diagnose(
     scores = apply_judgement(scores, judgement)
     stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement, bool(chosen.freed))
     diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
-    diagnosis = replace(diagnosis, notes=(*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes))
-    return with_parameters(diagnosis, chosen)
+    diagnosis = with_parameters(diagnosis, chosen)
+    if options.experiment and diagnosis.verdict == AMBIGUOUS:
+        progress("choosing the next experiment", 0.0)
+        plant, known = Plant(DirectSimulator(original), twin=inputs.twin), diagnosis.next_experiment
+        among = inputs.real, chosen.pairs, white_noise_N(inputs.real)
+        proposed = optional.run("next experiment", lambda: propose_experiment(plant, *among), None)
+        diagnosis = replace(diagnosis, next_experiment=proposed or known)
+    notes = (*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes)
+    return replace(diagnosis, notes=notes)
 
 
 def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: DiagnoseOptions) -> float | None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.calibrate.choice import ChosenExplanation, Hypothesis, choose
@@ -25,12 +24,11 @@ from ces_gap.calibrate.parameters import find_groups
 from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.library import library
 from ces_gap.errors import GapError
-from ces_gap.grid import rms
 from ces_gap.inference.fit import NEAR_BOUND, Z95, EffectFit, Estimate, estimate_parameters
 from ces_gap.inference.held_out import HeldOutSeries
 from ces_gap.inputs.prepare import set_aside
 from ces_gap.progress import Progress, ignore_progress
-from ces_gap.trace import Trace, noise_floor_N, usable_values
+from ces_gap.trace import Trace, gap_N, noise_floor_N
 from ces_identify.simulations.simulation import Simulation
 
 SLOW_S = 0.5  # [s] of a run over all recordings: with a slower simulation, effects that run it again are not tried
@@ -83,15 +81,21 @@ class MissingEffect:
 
 @dataclass(frozen=True)
 class Alternative:
-    """What would explain the gap as well: other values of some parameters, an effect, or both."""
+    """What would explain the gap as well: other values of some parameters, which `freed` holds, an effect, or both."""
 
     parameters: tuple[FittedParameter, ...]
     effect: Setting | None
+    freed: Setting | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the parameters and of the effect."""
         return (*(p.name for p in self.parameters), *([] if self.effect is None else [self.effect.name]))
+
+    @property
+    def only(self) -> Setting | None:
+        """Its only setting; None if it has both."""
+        return None if self.effect and self.freed else self.effect or self.freed
 
 
 @dataclass(frozen=True)
@@ -158,7 +162,7 @@ class FreedParameters:
     """What parameters explain of a gap: those that are `freed`, the effect beside them, and what does as well.
 
     `simulation` has their values, `setting` holds them for a composition (None if none is freed). They `competed` with
-    the effects unless there are none.
+    the effects unless there are none. `pairs` are explanations of one setting each that an experiment may separate.
     """
 
     simulation: Simulation
@@ -168,6 +172,7 @@ class FreedParameters:
     alternatives: tuple[Alternative, ...] = ()
     notes: tuple[str, ...] = ()
     competed: bool = False
+    pairs: tuple[tuple[Setting, Setting], ...] = ()
 
 
 def free_parameters(
@@ -199,13 +204,20 @@ def free_parameters(
     found = fit_parameters(simulation, free, traces if has_held_out else set_aside(traces)[0], {}, twin)
     tried = [e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > SLOW_S)]
     choice = choose(found, tried, progress)
-    best, freed = choice.best, tuple(estimate(found, choice.best))
-    alternatives = tuple(Alternative(tuple(estimate(found, h)), _setting_of(h)) for h in choice.alternatives)
-    setting = best.fit.composition.settings[0] if best.fit is not None and freed else None
-    changed, effect = simulation.with_values({p.name: p.value for p in freed}), best.effect.name if best.effect else ""
+    best, *others = (_as_alternative(found, h) for h in (choice.best, *choice.alternatives))
+    changed = simulation.with_values({p.name: p.value for p in best.parameters})
     whole = Hypothesis(found.determined, None, found.fit, 0.0)
-    notes = () if best.fit is not None else tuple(_note_hidden(p) for p in estimate(found, whole) if p.is_hidden)
-    return FreedParameters(changed, freed, setting, effect, alternatives, (*free.notes, *notes), competed=True)
+    hidden = [p for p in estimate(found, whole) if p.is_hidden] if choice.best.fit is None else []
+    return FreedParameters(
+        simulation=changed,
+        freed=best.parameters,
+        setting=best.freed,
+        effect=best.effect.name if best.effect else "",
+        alternatives=tuple(others),
+        notes=(*free.notes, *map(_note_hidden, hidden)),
+        competed=True,
+        pairs=tuple((best.only, other.only) for other in others if best.only and other.only),
+    )
 
 
 def _note_hidden(p: FittedParameter) -> str:
@@ -230,10 +242,10 @@ def _assemble(
     held = smooth_traces(simulation, held) if best.is_smoothed else held
     joint = None if fit is None or choice.best.effect is None else fit
     parameters, calibrated = (*_list_whole(best), *_list_numbers(best, choice)), simulation
-    noise_N, before_N = noise_floor_N(held), _gap_N(held, [t.simulated for t in held], noise_floor_N(held))
+    noise_N, before_N = noise_floor_N(held), gap_N(held, [t.simulated for t in held], noise_floor_N(held))
     changed = simulation.with_values({p.name: p.value for p in parameters})
     forces = [DirectSimulator(changed).force(t, t.inputs) for t in held]
-    after_N, notes = _gap_N(held, forces, noise_N), free.notes
+    after_N, notes = gap_N(held, forces, noise_N), free.notes
     if after_N < before_N or joint is not None:
         calibrated = changed
     else:
@@ -243,14 +255,16 @@ def _assemble(
     covariance = np.zeros((0, 0)) if fit is None else fit.covariance[: len(best.determined), : len(best.determined)]
     groups = find_groups(best.jacobian, covariance, best.determined, [p.name for p in best.effect.free])
     missing = None if joint is None else _describe_missing(joint, simulation, held, noise_N)
-    alternatives = tuple(Alternative(tuple(estimate(best, h)), _setting_of(h)) for h in choice.alternatives)
+    alternatives = tuple(_as_alternative(best, h) for h in choice.alternatives)
     series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
     facts = tuple(groups), before_N, after_N, noise_N, missing, alternatives, notes, best.is_smoothed, series
     return Calibration(spec, calibrated, parameters, *facts)
 
 
-def _setting_of(h: Hypothesis) -> Setting | None:
-    return None if h.fit is None or h.effect is None else h.fit.composition.settings[-1]
+def _as_alternative(found: ParameterFit, h: Hypothesis) -> Alternative:
+    settings = () if h.fit is None else h.fit.composition.settings
+    effect = settings[-1] if settings and h.effect is not None else None
+    return Alternative(tuple(estimate(found, h)), effect, settings[0] if settings and h.places else None)
 
 
 def _list_whole(best: ParameterFit) -> list[FittedParameter]:
@@ -291,10 +305,4 @@ def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
 def _describe_missing(joint: EffectFit, simulation: Simulation, held: Sequence[Trace], noise_N: float) -> MissingEffect:
     plant, composition = Plant(DirectSimulator(simulation)), joint.composition
     forces, setting = [plant.with_effects(composition, t) for t in held], composition.settings[-1]
-    return MissingEffect(setting, estimate_parameters(joint)[-1], _gap_N(held, forces, noise_N))
-
-
-def _gap_N(traces: Sequence[Trace], forces: Sequence[F], noise_N: float) -> float:
-    """Return the RMS [N] of measured minus modelled force without the noise."""
-    error = usable_values(traces, [t.force - f for t, f in zip(traces, forces, strict=True)])
-    return math.sqrt(max(rms(error) ** 2 - noise_N**2, 0.0))
+    return MissingEffect(setting, estimate_parameters(joint)[-1], gap_N(held, forces, noise_N))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
+from scipy.sparse.csgraph import connected_components
 
 from ces_data.arrays import F
 from ces_gap.baseline.plant import DirectSimulator
@@ -133,10 +134,14 @@ def find_groups(jacobian: F, covariance: F, determined: Sequence[int], names: Se
 
 
 def _find_correlated(covariance: F, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the parameters whose estimates are correlated, with all that they are correlated with in one group."""
+    if not len(names):
+        return []
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     close: NDArray[np.bool_] = np.abs(covariance / np.outer(size, size)) > MOVES_TOGETHER
-    pairs = zip(*np.nonzero(np.triu(close, 1)), strict=True)
-    return [(names[i], names[j]) for i, j in pairs]
+    count, group = connected_components(close, directed=False)
+    groups = [tuple(name for name, own in zip(names, group, strict=True) if own == k) for k in range(count)]
+    return [names for names in groups if len(names) > 1]
 
 
 def values_of(effect: SimulationParameters, searched: F) -> dict[str, float]:
