@@ -184,6 +184,7 @@ def test_messages_of_several_topics_are_in_time_order(tmp_path, monkeypatch):
     assert sorted(read) == sorted((f"/{t.name}", int(s)) for t in topics for s in t.stamps_ns)
     with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
         stored = [(c.topic, m.log_time) for _, c, m in NonSeekingReader(file).iter_messages(log_time_order=False)]
+        file.seek(0)
         summary = make_reader(file).get_summary()
     assert summary is not None and len(summary.chunk_indexes) == 7
     order = [
