@@ -65,7 +65,7 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 138,
-    "ces_data": 86.3,
+    "ces_data": 86.1,
     "ces_report": 11.5,
     "ces_identify": 167.6,
     "ces_rig": 77,
