@@ -45,7 +45,7 @@ from ces_gap.augmented import file_of
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
 from ces_identify.identification import STRETCHES, IdentificationResult, count_starts, identify
 from ces_identify.options import build_identify_options
-from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
+from ces_identify.polynomial.candidates import built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.cost import Weighting, parse_weighting
@@ -140,18 +140,14 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     outputs = {"--out": options.out, "--report": options.report}
     inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
     require_outputs(options.overwrite, outputs, inputs=inputs)
-    values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
+    rules = reduce(add_blend, options.blend, load_rules(options.candidates, options.method))
+    values = {**vars(options), "candidates": rules, "weight": parse_weighting(options.weight)}
     measured, (bags, validation) = _read_recordings(paths, options)
     require_distinct(bags, validation)
     findings = check_together([*bags, *validation])
     require_sound(findings, options.ignore_findings)
     print_warnings(findings)
-    how = build_identify_options(
-        {
-            **values,
-            "threads": options.threads or os.cpu_count() or 1,
-        }
-    )
+    how = build_identify_options({**values, "threads": options.threads or os.cpu_count() or 1})
     if motion := describe_motion([*bags, *validation], choose_motion(bags, how.speed)):
         terminal.print_line(motion, console=terminal.err)
     left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
@@ -171,11 +167,6 @@ def _read_recordings(
         teacher = open_simulation(options.teacher)
         learned = {path: with_teacher_force(teacher, path, recording, signals) for path, recording in measured.items()}
     return tuple(measured.values()), [[learned[path] for path in group] for group in groups]
-
-
-def candidate_rules(options: argparse.Namespace) -> CandidateRules:
-    """Return the candidate rules that the options describe; raises CesError naming the option or file at fault."""
-    return reduce(add_blend, options.blend, load_rules(options.candidates, options.method))
 
 
 def select_identify_function(options: argparse.Namespace) -> Callable[..., IdentificationResult]:
