@@ -77,11 +77,9 @@ def require_distinct(identification: Sequence[Recording], validation: Sequence[R
 
 def require_once(recordings: Sequence[Recording], use: str = "") -> None:
     """Raise RecordingError if two recordings for one use have seconds in common."""
-    for recording, other in combinations(recordings, 2):
-        if shared := shared_content(recording, other):
-            raise RecordingError(
-                f"{_names(recording, other)}: {shared}{use}: its seconds would count twice; give it once"
-            )
+    for pair in combinations(recordings, 2):
+        if shared := shared_content(*pair):
+            raise RecordingError(f"{_names(*pair)}: {shared}{use}: its seconds would count twice; give it once")
 
 
 def recording_marks(recording: Recording) -> list[str]:

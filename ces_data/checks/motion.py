@@ -167,9 +167,7 @@ def alternative_features(motion: Motion) -> dict[str, F]:
     features = {SPRING: np.concatenate([at, *(speeds * feature for feature in maps)])}
     if 0.0 < moved_mass(motion) <= MAX_MASS_KG:
         low_passes = (butter(2, hertz, fs=RATE_HZ, output="sos") for hertz in ACCELERATION_HZ)  # against its noise
-        features[INERTIA] = np.stack(
-            [normalize(sosfiltfilt(low_pass, np.gradient(motion.speed))) for low_pass in low_passes]
-        )
+        features[INERTIA] = np.stack([normalize(sosfiltfilt(low, np.gradient(motion.speed))) for low in low_passes])
     if not is_constant(motion.current):
         slow = [lag(normalize(motion.current), seconds) for seconds in SLOW_VALVE_LAGS_S]
         features[SLOW_VALVE] = np.concatenate([speeds * feature for feature in slow])
