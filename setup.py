@@ -15,7 +15,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))  # the modules below need the standard library only
 
 from ces_cli.main import PROGRAMS  # noqa: E402
-from ces_identify.export.c_extension import C_FLAGS, write_extension  # noqa: E402
+from ces_identify.export.c_printer import C_FLAGS, write_extension  # noqa: E402
 from ces_observer import __version__  # noqa: E402
 
 NAME = "ces_observer"

@@ -38,7 +38,7 @@ from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_identify.identification import identify
 from ces_identify.jobs import run_in_processes
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.numerics.search import Limits
 from ces_identify.simulations.simulation import Simulation
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import physical_structures

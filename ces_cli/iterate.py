@@ -14,7 +14,7 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.options import ALL, JSON, Argument, never_with
 from ces_cli.terminal.outputs import print_document, require_folder, schema_line
 from ces_cli.terminal.progress import LiveBar
-from ces_identify.polynomial.search_limits import SearchResult
+from ces_identify.numerics.search import SearchResult
 from ces_observer.options import Option
 from ces_rig.loop.iterate import IterateListener, Iterations
 from ces_rig.loop.plan import TEMPLATE, load_plan

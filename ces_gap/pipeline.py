@@ -16,7 +16,7 @@ from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
 from ces_gap.calibrate.calibration import FreedParameters, free_parameters
 from ces_gap.calibrate.choice import VISIBLE
-from ces_gap.calibrate.fitting import white_noise_N
+from ces_gap.calibrate.fitting import unexplained_N
 from ces_gap.calibrate.free import NONE
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
@@ -126,7 +126,7 @@ def diagnose(
     if options.experiment and diagnosis.verdict == AMBIGUOUS:
         progress("choosing the next experiment", 0.0)
         plant, known = Plant(DirectSimulator(original), twin=inputs.twin), diagnosis.next_experiment
-        among = inputs.real, chosen.pairs, white_noise_N(inputs.real)
+        among = inputs.real, chosen.pairs, unexplained_N(inputs.real)
         proposed = optional.run("next experiment", lambda: propose_experiment(plant, *among), None)
         diagnosis = replace(diagnosis, next_experiment=proposed or known)
     notes = (*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes)
@@ -134,10 +134,10 @@ def diagnose(
 
 
 def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: DiagnoseOptions) -> float | None:
-    """Return the share of the force up to which a gap is none: where parameters competed alone, twice the noise."""
+    """Return the share of the force up to which a gap is none: where parameters competed alone, twice their rest."""
     if options.tolerance is not None or not chosen.competed or chosen.effect:
         return options.tolerance
-    return VISIBLE * white_noise_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
+    return VISIBLE * unexplained_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
 
 
 def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:

@@ -34,8 +34,8 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     ),
     "ces_report": ("typesetting table drawing shell figure plot"),
     "ces_identify": (
-        "jobs numerics schema_files prepare polynomial trained physical structures options export "
-        "simulations characteristics validation comparison identification report campaign folds api"
+        "limits jobs numerics schema_files prepare polynomial training physical structures options export "
+        "simulations characteristics validation comparison identification report campaign api"
     ),
     "ces_rig": ("errors drive sensors dampers experiments withheld blind live loop"),
     "ces_gap": (
@@ -67,12 +67,12 @@ MAX_PACKAGE = {
     "ces_observer": 138,
     "ces_data": 86.1,
     "ces_report": 11.5,
-    "ces_identify": 167.6,
+    "ces_identify": 168.9,
     "ces_rig": 77,
-    "ces_gap": 124.3,
-    "ces_cli": 68.5,
+    "ces_gap": 125.6,
+    "ces_cli": 68.7,
     "bench": 81.4,
-    "test": 475,
+    "test": 476.5,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

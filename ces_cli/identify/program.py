@@ -42,12 +42,19 @@ from ces_data.compilation import CompilationNotice
 from ces_data.findings import Finding
 from ces_data.recording import Recording
 from ces_gap.augmented import file_of
-from ces_identify.folds import CrossValidation, cross_validate, split_folds
-from ces_identify.identification import STRETCHES, IdentificationResult, count_starts, identify
+from ces_identify.identification import (
+    THINNED,
+    CrossValidation,
+    IdentificationResult,
+    count_starts,
+    cross_validate,
+    identify,
+    split_folds,
+)
+from ces_identify.numerics.search import Limits
 from ces_identify.options import build_identify_options
 from ces_identify.polynomial.candidates import built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend
-from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion
 from ces_identify.structures import KITS
@@ -252,7 +259,7 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
         terminal.print_warning(line)
     _print_teacher(result)
     print(RULE)
-    if used := model.provenance["selection"].get(STRETCHES):
+    if used := model.provenance["selection"].get(THINNED):
         print(f"identified on {used}")
     print(f"{describe_starts(result, options)}; stopped: {result.search_results[0].ended}")
     if not any(e.role == VALIDATION for e in evaluations):

@@ -21,6 +21,7 @@ from ces_gap.calibrate.fitting import (
 )
 from ces_gap.calibrate.free import FreeParameters, choose_free
 from ces_gap.calibrate.parameters import find_groups
+from ces_gap.calibrate.remembered import RememberedSimulation
 from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.library import library
 from ces_gap.errors import GapError
@@ -35,6 +36,9 @@ SLOW_S = 0.5  # [s] of a run over all recordings: with a slower simulation, effe
 RUNS = 50  # for each parameter and one more, measured: about as often a fit with the choice runs the simulation
 MAX_UNASKED_S = 1200.0  # [s] for which a diagnosis fits parameters that the user has not named
 MIN_TOLD_S = 30.0  # [s] of work that is told before it begins
+DECLARED = (
+    "functions declare them by keyword-only arguments with defaults (*, seal_N=25.0); of models, hydraulic ones do"
+)
 WORSE = "the fitted values explain held-out recordings no better than the defaults, which are kept"
 OFF = 0.2  # of its default: a parameter that is off by as much is worth a remark where there is no gap
 DOUBTFUL = 3.0  # times its default or a third of it: beyond, a value is a doubt
@@ -133,13 +137,12 @@ def calibrate(
     """
     free = choose_free(simulation, fit, spec)
     if not free.numbers and not free.whole:
-        why = (
-            "; ".join(free.notes) or "a function declares them by keyword-only arguments with defaults (*, seal_N=25.0)"
-        )
+        why = "; ".join(free.notes) or DECLARED
         raise GapError(f"{spec}: no parameter to fit: {why}")
     progress("simulating", 0.0)
     fitted = open_logged(simulation, real)
     seconds = time_equal_calls(simulation, real, fitted, spec)
+    simulation = RememberedSimulation(simulation)
     held = open_logged(simulation, held_out)
     if not held:
         fitted, held = set_aside(fitted)
@@ -201,7 +204,8 @@ def free_parameters(
         note = f"the parameters keep their values: to fit them takes{tell_time(runs, seconds).strip(':')}; {how}"
         return FreedParameters(simulation, notes=(*free.notes, note))
     progress(f"fitting the simulation's parameters{tell_time(runs, seconds)}", 0.0)
-    found = fit_parameters(simulation, free, traces if has_held_out else set_aside(traces)[0], {}, twin)
+    remembered, traces = RememberedSimulation(simulation), traces if has_held_out else set_aside(traces)[0]
+    found = fit_parameters(remembered, free, traces, {}, twin)
     tried = [e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > SLOW_S)]
     choice = choose(found, tried, progress)
     best, *others = (_as_alternative(found, h) for h in (choice.best, *choice.alternatives))
@@ -257,6 +261,8 @@ def _assemble(
     missing = None if joint is None else _describe_missing(joint, simulation, held, noise_N)
     alternatives = tuple(_as_alternative(best, h) for h in choice.alternatives)
     series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
+    if isinstance(calibrated, RememberedSimulation):
+        calibrated = calibrated.changed
     facts = tuple(groups), before_N, after_N, noise_N, missing, alternatives, notes, best.is_smoothed, series
     return Calibration(spec, calibrated, parameters, *facts)
 
@@ -296,8 +302,8 @@ def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
     for k, u, error in zip(h.places, h.fit.searched.tolist(), errors.tolist(), strict=False):
         p = found.effect.free[k]
         (low, high), (first, last) = p.search_bounds(), sorted(map(p.to_value, (u - error, u + error)))
-        near = NEAR_BOUND * (high - low)
-        stuck = u - low < near or high - u < near
+        near, start = NEAR_BOUND * (high - low), p.to_search(p.starts[0])
+        stuck = (u - low < near or high - u < near) and abs(u - start) > near
         fitted.append(FittedParameter(p.name, p.to_value(u), (first, last), p.starts[0], True, stuck, units[p.name]))
     return fitted
 

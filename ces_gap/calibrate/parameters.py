@@ -17,7 +17,7 @@ from ces_data.arrays import F
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.effects.effect import SIMULATION, Composition, Effect, EffectParameter
 from ces_gap.grid import rms
-from ces_gap.trace import Trace, TraceInputs, usable_values
+from ces_gap.trace import Trace, TraceInputs, resample_to_grid, usable_values
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
@@ -48,7 +48,7 @@ class SimulationParameters(Effect):
         """Return `force` [N] (n,) and what the values change of the simulation's; NaN where it does not run."""
         changed = self.simulation.with_values(dict(zip([p.name for p in self.free], values, strict=True)))
         try:
-            own = DirectSimulator(changed).force(trace, inputs)
+            own = _simulate(changed, trace, inputs)
             if not self.beside_inside:  # then `force` is that of the defaults
                 return own
             if inputs is trace.inputs:
@@ -60,6 +60,13 @@ class SimulationParameters(Effect):
     def hold_others(self, places: Sequence[int]) -> SimulationParameters:
         """Return the effect of the parameters at some places; the others keep their defaults."""
         return replace(self, free=tuple(self.free[k] for k in places))
+
+
+def _simulate(simulation: Simulation, trace: Trace, inputs: TraceInputs) -> F:
+    """Return the force [N] (n,) on the grid; recorded inputs are those of the recording."""
+    if inputs is trace.inputs:
+        return resample_to_grid(trace, simulation.force(trace.recording))
+    return DirectSimulator(simulation).force(trace, inputs)
 
 
 def size_of(p: EffectParameter) -> float:

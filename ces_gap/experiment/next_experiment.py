@@ -22,7 +22,7 @@ from ces_gap.experiment.matches import Match, Probe, find_nearest, refine_match,
 from ces_gap.inference.judgement import PARAMETERS, Judgement
 from ces_gap.inference.search import EffectSearchResult
 from ces_gap.trace import Trace, make_trace
-from ces_identify.numerics import search_clock
+from ces_identify.numerics.search import clock_s
 from ces_identify.schema_files import schema_line
 from ces_observer.errors import CesError
 from ces_report.typesetting import join_with
@@ -149,9 +149,9 @@ def _compare_candidates(
     budget_s: float,
 ) -> Iterator[_Candidate]:
     """Yield experiments compared along tangents until the time is up, at least one if any can run."""
-    end, any_done = search_clock.now() + budget_s, False
+    end, any_done = clock_s() + budget_s, False
     for recipe in recipes:
-        if any_done and search_clock.now() > end:
+        if any_done and clock_s() > end:
             return
         try:
             trace = simulate_experiment(simulation, recipe)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
-from ces_identify.polynomial.search_limits import GAUSS_NEWTON, THESIS
+from ces_identify.numerics.search import GAUSS_NEWTON, THESIS
 from ces_observer.errors import CesError
 from ces_observer.fields import Field, require_known_keys
 from ces_observer.json_text import JsonObject

@@ -1,4 +1,4 @@
-"""Neuro-fuzzy models at the desk: starts by hybrid learning, errors of a fit, sizes, report.
+"""Neuro-fuzzy models at the desk: starts by hybrid learning, errors and derivatives of a fit, sizes, report.
 
 A start follows Jang (1993): memberships on a grid; then, in turn, consequents by least squares with measured past
 forces and a descent of the premises on the same one-step error. The free-run fit that follows moves all parameters.
@@ -10,24 +10,40 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
+from math import log
 from typing import ClassVar
 
 import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, I
-from ces_identify.numerics.levenberg import Evaluate, damped_step
+from ces_identify import training
+from ces_identify.numerics.core import core_kernel
+from ces_identify.numerics.least_squares import Evaluate, damped_step
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
-from ces_identify.trained import training
-from ces_identify.trained.fuzzy_kernels import fill_fuzzy_slopes
-from ces_identify.trained.lagged_kernels import RegressorTable, normal_equations
+from ces_identify.training import RegressorTable, normal_equations
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
 from ces_observer.structures.lagged_signals import Regressor
-from ces_observer.tick.fuzzy import fuzzy_force
+from ces_observer.tick.fuzzy import (
+    FUZZY_BELLS,
+    FUZZY_CHOICES,
+    FUZZY_FIRED,
+    FUZZY_FIRINGS,
+    FUZZY_LAYER,
+    FUZZY_MEMBERSHIPS,
+    FUZZY_OUTPUTS,
+    FUZZY_OWNERS,
+    FUZZY_PREMISES,
+    FUZZY_RULES,
+    FUZZY_SCALE,
+    FUZZY_SHAPES,
+    fuzzy_force,
+)  # fmt: skip
+from ces_observer.tick.lagged import LAGGED_PHI
 from ces_report.typesetting import (
     UNITS,
     ModelTable,
@@ -47,6 +63,45 @@ HYBRID_DAMPING = 1.0
 MIN_SPEEDS = 3  # memberships of speed of the models from which larger ones grow
 QUANTILES = (0.002, 0.998)  # of a premise: the ends of the grid
 START_JITTER = 0.15  # standard deviation of a start's centres, in distances between neighbours
+
+
+@core_kernel
+def fill_fuzzy_slopes(p: F, n: I, s: F, y: float, past_lags: I, past_spreads: F, row: F, gains: F) -> None:
+    """Fill `row` with the derivatives of a tick's force by the parameters, `gains` with those by the past forces.
+
+    Parameters of R regressors: for each rule its constant and linear part (R), then for each membership its centre,
+    log width and log slope.
+    """
+    scale, fired, premises, phi = p[FUZZY_SCALE], s[FUZZY_FIRED], n[FUZZY_PREMISES], n[LAGGED_PHI]
+    layer, choice, output, firing = n[FUZZY_LAYER], n[FUZZY_CHOICES], n[FUZZY_OUTPUTS], n[FUZZY_FIRINGS]
+    rules, r = n[FUZZY_RULES], len(gains) - premises
+    bells = row[rules * (1 + r) :]
+    bells[:] = 0.0
+    gains[:] = 0.0
+    at = 0
+    for rule in range(rules):
+        share = s[firing + rule] / fired
+        part = scale * share
+        row[at] = part
+        for j in range(r):
+            row[at + 1 + j] = part * s[phi + j]
+            gains[j] += part * p[layer + j]
+        pull = part * s[output + rule] - share * y  # of a rule on the force, through its memberships
+        for q in range(premises):
+            bells[3 * n[choice + q]] += pull
+        at += 1 + r
+        layer += 1 + r
+        choice += premises
+    for j in range(r):
+        gains[j] /= past_spreads[j]
+    shape, owner, membership = n[FUZZY_SHAPES], n[FUZZY_OWNERS], n[FUZZY_MEMBERSHIPS]
+    for m in range(n[FUZZY_BELLS]):
+        offset = s[phi + r + n[owner + m]] - p[shape]
+        steep = bells[3 * m] * (1.0 - s[membership + m]) * p[shape + 2]
+        bells[3 * m] = steep / offset if offset != 0.0 else 0.0
+        bells[3 * m + 1] = steep
+        bells[3 * m + 2] = -steep * log(abs(offset) / p[shape + 1]) if offset != 0.0 else 0.0
+        shape += 3
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ import numpy as np
 from ces_data.arrays import F
 from ces_data.checks.check import require_consistent
 from ces_data.recording import Recording
-from ces_identify.folds import cross_fit
-from ces_identify.polynomial.gauss_newton import fit_free_run
+from ces_identify.identification import cross_fit
+from ces_identify.numerics.search import INTERRUPTED, Listener, SearchResult
+from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
-from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchResult
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import default_sizes, select_fitter

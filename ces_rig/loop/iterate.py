@@ -15,7 +15,7 @@ from ces_data.checks.content import require_distinct, shared_content
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_identify.jobs import append_row, open_rows, read_rows
-from ces_identify.polynomial.search_limits import SearchResult
+from ces_identify.numerics.search import SearchResult
 from ces_observer.model import Model
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import INTERVAL_S, NEED, RigCommands, read_commands

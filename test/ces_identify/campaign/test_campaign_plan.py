@@ -8,8 +8,8 @@ import pytest
 from campaign_parts import CAMPAIGN, RULES, made
 
 from ces_identify.campaign.plan import MAX_CELLS, CampaignError, jobs, load_campaign
+from ces_identify.numerics.search import METHODS, THESIS
 from ces_identify.polynomial.candidates import load_rules
-from ces_identify.polynomial.search_limits import METHODS, THESIS
 from ces_observer.errors import CesError
 
 SMALL = "bags: {a: one}\nvalidate: {b: two}\nstructures: {polynomial: {candidates: rules.yaml}}\n"

@@ -12,10 +12,10 @@ from pages import assert_self_contained
 from report_examples import TERMS, WIDE, damper, model
 
 from ces_identify.polynomial.problem import compute_envelope
-from ces_identify.polynomial.term_table import format_term
 from ces_identify.prepare.cost import parse_weighting, weighted_cost
 from ces_identify.report.figures import choose_window, make_grid
 from ces_identify.report.page import write_report
+from ces_identify.structures.polynomial import format_term
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate, pooled_cost
 from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.errors import CesError

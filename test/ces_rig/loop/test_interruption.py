@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from iterate_examples import make_plan, small_rig
 
-from ces_identify.polynomial.search_limits import SearchResult
+from ces_identify.numerics.search import SearchResult
 from ces_rig.loop.identification import interruptible
 from ces_rig.loop.iterate import IterateListener, Iterations
 

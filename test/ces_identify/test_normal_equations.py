@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, SAMPLING, planted
 
-from ces_identify.numerics.normal_matrix import BLOCK, accumulate, mirror
+from ces_identify.numerics.least_squares import BLOCK, accumulate, mirror
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.fuzzy import FuzzyFit, PremiseGrid
 from ces_identify.structures.network import KINK, NetworkFit
-from ces_identify.trained.training import build_training
+from ces_identify.training import build_training
 
 
 def data(seconds=5.0):

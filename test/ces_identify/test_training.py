@@ -6,13 +6,13 @@ from planted import FUZZY, NETWORK, RATE_HZ, SAMPLING, planted, with_values
 
 import ces_identify
 from ces_identify.identification import identify
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.numerics.search import Limits
 from ces_identify.prepare.cost import cost
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.trained.training import (
+from ces_identify.training import (
     LagCounts,
     Lags,
     build_regressors,

@@ -1,19 +1,121 @@
-"""Kernels of simulation-error fitting: the free run with its sensitivities, and their normal equations.
+"""The fit of a model's coefficients: Levenberg-Marquardt on the free-run error, with a penalty that keeps it stable.
 
 The free run y(k) = sum_t c_t U_t(k) y(k - j_t), without the past force in terms of inputs only, has the sensitivities
 s_t = dy/dc_t. They obey the same recursion, driven by the term itself:
 s_t(k) = U_t(k) y(k - j_t) + sum_j a_j(k) s_t(k - j), where a_j(k) sums c_r U_r(k) over the terms r with the past force
-of lag j (Ljung, System Identification, 2nd ed., sec. 10.3). Arrays are those of kernels.py.
+of lag j (Ljung, System Identification, 2nd ed., sec. 10.3). Arrays are those of kernels.py. The penalty is on the gain
+at probed inputs.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from ces_data.arrays import F, I
+from ces_identify.numerics import kernels
 from ces_identify.numerics.kernels import Bounds, TermArrays, _add_product
-from ces_identify.numerics.normal_matrix import BLOCK, accumulate, longest_lag, mirror
+from ces_identify.numerics.least_squares import BLOCK, accumulate, damped_step, longest_lag, mirror
+from ces_identify.numerics.search import SearchResult
+from ces_identify.polynomial.problem import Problem
+
+ROOM = 0.005  # the penalty begins so far below the greatest gain allowed
+PENALTY = 1e3  # of a squared excess of gain, in units of the squared error at the start
+STOP_DECREASE = 2e-4  # relative decrease at which to stop
+TRIES = 8  # dampings tried per step
+
+
+@dataclass(frozen=True)
+class FreeRunFit:
+    """Coefficients (terms,), their weighted squared error (infinite if the run diverges) and Gauss-Newton matrix."""
+
+    coefficients: F
+    error: float
+    matrix: F
+
+
+def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, iterations: int) -> FreeRunFit:
+    """Return the coefficients after at most `iterations` steps that lower the weighted free-run error.
+
+    If the problem requires stable models and the first one is stable, so is every step; its probed gain may reach the
+    mean of the greatest gain allowed and 1.
+    """
+    arrays, probes = problem.compiled.subset(chosen), problem.probes[chosen]
+
+    def equations(c: F) -> tuple[float, F, F]:
+        if kernels.probed_gain(probes, arrays.outputs, c) >= 0.5 * (1.0 + problem.max_gain):
+            return np.inf, np.empty(0), np.empty(0)
+        result: tuple[float, F, F] = normal_equations(
+            problem.powers, problem.segments, weights, problem.measured, arrays, c, problem.force_envelope
+        )
+        return result
+
+    error, matrix, gradient = equations(coefficients)
+    if not np.isfinite(error):
+        return FreeRunFit(coefficients, np.inf, matrix)
+    hinge = _Hinge(probes, arrays.outputs, problem.max_gain - ROOM, PENALTY * error)
+    value, damping = error + hinge.value(coefficients), 1e-4
+    for _ in range(iterations):
+        curvature, slope = hinge.derive(coefficients)
+        for _ in range(TRIES):
+            step = damped_step(matrix + curvature, gradient - slope, damping)
+            e, h, g = equations(coefficients + step)
+            trial = e + hinge.value(coefficients + step)
+            if trial < value:
+                break
+            damping *= 8.0
+        else:
+            break
+        coefficients, error, matrix, gradient = coefficients + step, e, h, g
+        converged = value - trial < STOP_DECREASE * value
+        value, damping = trial, max(damping / 8.0, 1e-9)
+        if converged:
+            break
+    return FreeRunFit(coefficients, error, matrix)
+
+
+class _Hinge:
+    """Penalty on the probed gain above a limit: strength * sum max(0, gain - limit)^2 over the points."""
+
+    def __init__(self, probes: F, outputs: I, limit: float, strength: float) -> None:
+        self.limit, self.strength = limit, strength
+        lags = np.unique(outputs[outputs > 0]) if np.isfinite(limit) else np.empty(0, np.int64)
+        self.groups = [np.where((outputs == lag)[:, None], probes, 0.0) for lag in lags]
+
+    def value(self, coefficients: F) -> float:
+        """Return the penalty."""
+        return self.strength * float((self._excess(coefficients) ** 2).sum())
+
+    def derive(self, coefficients: F) -> tuple[F, F]:
+        """Return the penalty's Gauss-Newton matrix (terms, terms) and half its gradient (terms,)."""
+        n = len(coefficients)
+        excess = self._excess(coefficients)
+        active = excess > 0.0
+        if not active.any():
+            return np.zeros((n, n)), np.zeros(n)
+        slopes = np.zeros((n, int(active.sum())))
+        for group in self.groups:
+            slopes += group[:, active] * np.sign(coefficients @ group[:, active])
+        return self.strength * slopes @ slopes.T, self.strength * slopes @ excess[active]
+
+    def _excess(self, coefficients: F) -> F:
+        if not self.groups:
+            return np.zeros(1)
+        gain = sum(np.abs(coefficients @ group) for group in self.groups)
+        return np.maximum(gain - self.limit, 0.0)
+
+
+ITERATIONS = 20  # of the last fit, to all ticks
+
+
+def refit_coefficients(problem: Problem, result: SearchResult) -> F:
+    """Return coefficients fitted to all identification ticks, those of `result` if that raises the selection cost."""
+    fit = fit_free_run(problem, result.chosen, result.coefficients, problem.everything, ITERATIONS)
+    harmless = np.isfinite(fit.error) and problem.selection_cost(result.chosen, fit.coefficients) <= result.cost
+    return fit.coefficients if harmless else result.coefficients
+
 
 LANES = 32  # candidates whose sensitivities run side by side
 

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from planted import NETWORK, RATE_HZ, planted
 
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.numerics.search import Limits
 from ces_identify.prepare.cost import series_cost
 from ces_identify.prepare.series import prepare
 from ces_identify.structures import run_batch
-from ces_identify.structures.experts import choose_lags, fit_experts
+from ces_identify.structures.experts import ExpertsFit, choose_lags, fit_experts
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.trained.experts_training import ExpertsFit
-from ces_identify.trained.training import Lags, build_regressors, build_training
+from ces_identify.training import Lags, build_regressors, build_training
 from ces_observer.structures.mixture import Mixture
 
 

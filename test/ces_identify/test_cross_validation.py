@@ -7,9 +7,8 @@ import pytest
 from planted import NETWORK, SAMPLING, planted
 from rig_rides import rig_ride
 
-from ces_identify.folds import cross_fit, cross_validate, split_folds
-from ces_identify.identification import IdentificationResult
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.identification import IdentificationResult, cross_fit, cross_validate, split_folds
+from ces_identify.numerics.search import Limits
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS

@@ -1,36 +1,40 @@
 """What models on lagged regressors are trained on: stacked series and regressors; families of such models.
 
 Estimation and selection are the alternating blocks of `ces_identify.polynomial.problem`, and every recording has the
-same weight.
+same weight. The kernel is the loop of all these fits: the free run, and its sensitivities to every parameter. The force
+is that of `ces_observer.tick`; a structure adds the derivatives of a tick. `segments[s] = (start, stop)` are ticks
+without a gap; forces before them are zero.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, ClassVar, Self
+from functools import cache, cached_property
+from math import inf
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.numerics.core import run_batch
+from ces_identify.limits import TickLimits
+from ces_identify.numerics.core import compiled, pointer, run_batch, with_names
+from ces_identify.numerics.least_squares import BLOCK, accumulate, longest_lag, mirror, propagate
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
-from ces_identify.trained.lagged_kernels import RegressorTable
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.lagged_signals import RINGS, Regressor
 from ces_observer.structures.structure import OperatingRange, Range, Structure
 from ces_observer.structures.terms import Term
+from ces_observer.tick.lagged import LAGGED_PHI
 
 SIGNALS = ("position", "speed", "current")
 ROUND_ZERO = 0.25  # share of the force envelope's range by which it extends beyond 0, where every run starts
 LOOSE = 1e3  # limit of the force in a descent, in standard deviations
 MAX_GAIN = 0.98  # of the past forces: less than 1, so that the bound on the force is useful
-MIN_CHANGE = 1e-3  # relative range below which an input counts as constant and makes no regressor
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,7 @@ class Training:
     def changing_inputs(self) -> set[str]:
         """Return the names of the inputs that are not constant."""
         ranges = {name: (np.ptp(row), np.abs(row).max()) for name, row in zip(SIGNALS, self.inputs, strict=True)}
-        return {name for name, (span, size) in ranges.items() if span > MIN_CHANGE * max(1e-9, size)}
+        return {name for name, (span, size) in ranges.items() if span > TickLimits.MIN_CHANGE * max(1e-9, size)}
 
 
 def build_regressors(data: Training, lags: Lags | LagCounts, rate_Hz: float) -> tuple[Regressor, ...]:
@@ -148,6 +152,18 @@ def build_training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Tr
     )
 
 
+class RegressorTable(NamedTuple):
+    """Regressors over the ticks: `values` (ticks, regressors), 0 where a past force belongs.
+
+    `past_lags` (regressors,) is the lag of a past force, 0 for an input; `past_means` and `past_spreads` scale it.
+    """
+
+    values: F
+    past_lags: I
+    past_means: F
+    past_spreads: F
+
+
 def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs: F, segments: I) -> RegressorTable:
     """Return the regressors of `inputs` (3, ticks), clamped; before a segment they have its first values."""
     values = np.zeros((inputs.shape[1], len(regressors)))
@@ -168,13 +184,73 @@ def delay_values(values: F, lag: int, segments: I) -> F:
     return values[np.maximum(index, 0)]
 
 
+def _force(p: F, n: I, s: F) -> float:
+    raise NotImplementedError
+
+
+def _fill_slopes(p: F, n: I, s: F, y: float, past_lags: I, past_spreads: F, row: F, gains: F) -> None:
+    raise NotImplementedError
+
+
+def _normal_equations(
+    numbers: F, counts: I, states: F, table: RegressorTable, segments: I, parameters: int, low: float, high: float,
+    measured: F, weights: F, max_error: float,
+) -> tuple[float, F, F]:  # fmt: skip
+    p, n, s = pointer(numbers), pointer(counts), pointer(states)
+    values, past_lags, past_means, past_spreads = table
+    width, phi, depth = values.shape[1], n[LAGGED_PHI], longest_lag(past_lags)
+    matrix, gradient, gains = np.zeros((parameters, parameters)), np.zeros(parameters), np.empty(width)
+    past, slopes = np.empty(depth + BLOCK), np.empty((depth + BLOCK, parameters))
+    total = 0.0
+    for segment in range(len(segments)):
+        start, stop = segments[segment, 0], segments[segment, 1]
+        past[:depth] = 0.0
+        slopes[:depth] = 0.0
+        for k0 in range(start, stop, BLOCK):
+            ticks = min(k0 + BLOCK, stop) - k0
+            for now in range(depth, depth + ticks):
+                for j in range(width):
+                    s[phi + j] = values[k0 + now - depth, j]
+                    if past_lags[j] > 0:
+                        s[phi + j] = (past[now - past_lags[j]] - past_means[j]) / past_spreads[j]
+                y = _force(p, n, s)
+                past[now] = y
+                if not low <= y <= high:
+                    return inf, matrix, gradient
+                _fill_slopes(p, n, s, y, past_lags, past_spreads, slopes[now], gains)
+                propagate(slopes, now, past_lags, gains)
+            errors = measured[k0 : k0 + ticks] - past[depth : depth + ticks]
+            total += accumulate(matrix, gradient, slopes[depth : depth + ticks], errors, weights[k0 : k0 + ticks])
+            if total > max_error:
+                return inf, matrix, gradient
+            past[:depth] = past[ticks : ticks + depth].copy()
+            slopes[:depth] = slopes[ticks : ticks + depth].copy()
+    mirror(matrix)
+    return total, matrix, gradient
+
+
+@cache
+def normal_equations(force: Callable[..., float], fill_slopes: Callable[..., None]) -> Any:
+    """Return the function of weighted squared error, Gauss-Newton matrix and (descending) gradient of the free run.
+
+    `run(p, n, s, table, segments, parameters, low, high, measured, weights, max_error)` takes arrays of the tick. If
+    the force leaves [low, high] or the error exceeds `max_error`, the error is infinite and the rest incomplete.
+
+    `force(p, n, s)` is a function of the tick: the force at the regressors in s. `fill_slopes(p, n, s, y, past_lags,
+    past_spreads, row, gains)` is a kernel that is called after it: it fills `row` (parameters,) with the derivatives of
+    this force y by the parameters, and `gains` (regressors,) with those by the past forces.
+    """
+    names = {"_force": compiled(force), "_fill_slopes": fill_slopes}
+    return with_names(_normal_equations, f"normal_equations_{force.__name__}", names)
+
+
 @dataclass(frozen=True)
 class LaggedModels(ABC):
     """Models on `regressors`, fitted to `training`; `params` is always the vector (parameters,) of one model."""
 
     training: Training
     regressors: tuple[Regressor, ...]
-    kernel: ClassVar[Any]  # normal equations, as `ces_identify.trained.lagged_kernels.normal_equations` returns them
+    kernel: ClassVar[Any]  # normal equations, as `ces_identify.training.normal_equations` returns them
 
     @property
     @abstractmethod

@@ -1,24 +1,24 @@
-"""Training of recurrent networks: stacked series in, AdamW on the free-run error of windows drawn at random.
+"""Recurrent networks in training: their parameters, the run of many windows, and the way back for derivatives.
 
-A fit has a fixed number of steps, so that it depends on data and seed alone. In its second half the free run on the
-selection ticks is computed now and then, and the parameters with the lowest cost are kept.
+Arrays of the kernels have the shape (signals, ticks, lanes); lanes are windows that run side by side, from states of
+zero. Only the filters are a loop over ticks; all else is products of matrices over ticks and lanes, several times as
+fast as `ces_observer.tick.recurrent`, which takes tick by tick.
 """
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F
 from ces_identify.numerics.core import run_batch
-from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end
-from ces_identify.trained.recurrent_kernels import MemberArrays, StageArrays, new_states, run_member, run_member_back
-from ces_identify.trained.training import Training
+from ces_identify.training import Training
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope
 from ces_observer.structures.recurrent import CURRENT, MOTION, POSITION, SPEED, Member, Recurrent, ScaledInput, Stage
@@ -30,19 +30,156 @@ CURRENT_FILTERS, CURRENT_TANHS, FACTORS = 2, 4, 2
 SMOOTHING = 0.05  # of the root of the speed, relative to the speed's spread
 FIRST_BIAS = 0.3  # standard deviation of a start's biases
 
-STEPS = 5000
-WARM_STEPS = 50  # over which the rate rises
-RATE = 2.5e-2  # of the first step after these; falls with a cosine to 0
-DECAY = 0.03  # of weights, a step and rate
-MEAN_BETA, SQUARE_BETA, MIN_ROOT = 0.9, 0.999, 1e-8  # of AdamW (Loshchilov & Hutter 2019)
-MAX_GRADIENT = 1.0
-WINDOW_S, MIN_WINDOW, MAX_WINDOW = 0.27, 400, 800  # length of a window, and its limits [ticks]
-UNSCORED = 0.25  # of a window, at its beginning, without a weight
-STEP_TICKS, MIN_LANES = 4800, 8  # of all windows of a step, and least number of these
-REST_WEIGHT = 0.1  # of a damper at rest, for which no recording is needed
-CHECKS = 12  # free runs on the selection ticks, evenly spaced in the second half
-POLL_STEPS = 20  # between two looks at the clock
-HOPELESS = "far from the best of other structures"
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def scan(real: F, imag: F, drive_real: F, drive_imag: F, state: F) -> None:
+    """Run h(k) = pole h(k-1) + drive(k) in place: the drives (poles, ticks, lanes) become the states.
+
+    `state` (2, poles, lanes) is h before the first tick, and after the last one at the end.
+    """
+    poles, ticks, lanes = drive_real.shape
+    for j in range(poles):
+        a, b = real[j], imag[j]
+        x, y = state[0, j], state[1, j]
+        for k in range(ticks):
+            for i in range(lanes):
+                p, q = x[i], y[i]
+                x[i] = a * p - b * q + drive_real[j, k, i]
+                y[i] = b * p + a * q + drive_imag[j, k, i]
+                drive_real[j, k, i] = x[i]
+                drive_imag[j, k, i] = y[i]
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def scan_back(real: F, imag: F, state_real: F, state_imag: F, back_real: F, back_imag: F) -> tuple[F, F]:
+    """Turn derivatives by the states, in place, into derivatives by the drives; return those by the poles (poles,)."""
+    poles, ticks, lanes = state_real.shape
+    by_real, by_imag = np.zeros(poles), np.zeros(poles)
+    x, y, sums = np.empty(lanes), np.empty(lanes), np.empty((2, lanes))
+    for j in range(poles):
+        a, b = real[j], imag[j]
+        x[:] = 0.0
+        y[:] = 0.0
+        sums[:] = 0.0
+        for k in range(ticks - 1, -1, -1):
+            for i in range(lanes):
+                p, q = x[i], y[i]
+                x[i] = a * p + b * q + back_real[j, k, i]
+                y[i] = a * q - b * p + back_imag[j, k, i]
+                back_real[j, k, i] = x[i]
+                back_imag[j, k, i] = y[i]
+            if k > 0:
+                for i in range(lanes):
+                    p, q = state_real[j, k - 1, i], state_imag[j, k - 1, i]
+                    sums[0, i] += x[i] * p + y[i] * q
+                    sums[1, i] += y[i] * p - x[i] * q
+        by_real[j], by_imag[j] = sums[0].sum(), sums[1].sum()
+    return by_real, by_imag
+
+
+class StageArrays(NamedTuple):
+    """A stage as `ces_observer.structures.recurrent.Stage` describes it, or derivatives by its parts.
+
+    Shapes: `poles` (2, poles) real and imaginary parts, `drive` (2 poles, inputs), `hidden` (tanh, states), `out`
+    (outputs, tanh + states) with states = 2 poles + inputs, biases (tanh,) and (outputs,).
+    """
+
+    poles: F
+    drive: F
+    hidden: F
+    hidden_bias: F
+    out: F
+    out_bias: F
+
+
+class MemberArrays(NamedTuple):
+    """The stages of a network; `current` is None without a changing current."""
+
+    first: StageArrays
+    second: StageArrays
+    current: StageArrays | None
+
+
+class Tape(NamedTuple):
+    """What the way back needs: inputs (n, ticks, lanes) of a stage, and `joined` (tanh + states, ticks, lanes)."""
+
+    inputs: F
+    joined: F
+
+
+def run_stage(stage: StageArrays, inputs: F, state: F) -> tuple[F, Tape]:
+    """Return the outputs (outputs, ticks, lanes); `state` (2, poles, lanes) moves on to the last tick."""
+    count, tanhs = stage.poles.shape[1], len(stage.hidden_bias)
+    joined = np.empty((stage.out.shape[1], *inputs.shape[1:]))
+    states = joined[tanhs:]
+    states[2 * count :] = inputs
+    np.matmul(stage.drive, _flat(inputs), out=_flat(states)[: 2 * count])
+    scan(*stage.poles, states[:count], states[count : 2 * count], state)
+    hidden = _flat(joined)[:tanhs]
+    np.matmul(stage.hidden, _flat(states), out=hidden)
+    hidden += stage.hidden_bias[:, None]
+    np.tanh(hidden, out=hidden)
+    outputs = stage.out @ _flat(joined) + stage.out_bias[:, None]
+    return outputs.reshape(-1, *inputs.shape[1:]), Tape(inputs, joined)
+
+
+def run_stage_back(stage: StageArrays, trace: Tape, back: F) -> tuple[F, StageArrays]:
+    """Return the derivatives by inputs and parts, from those by the outputs (outputs, ticks, lanes)."""
+    count, tanhs = stage.poles.shape[1], len(stage.hidden_bias)
+    joined, inputs, back = _flat(trace.joined), _flat(trace.inputs), _flat(back)
+    by_joined = stage.out.T @ back
+    by_hidden, by_states = by_joined[:tanhs], by_joined[tanhs:]
+    by_hidden *= 1.0 - joined[:tanhs] ** 2
+    by_states += stage.hidden.T @ by_hidden
+    planes = by_states.reshape(-1, *trace.inputs.shape[1:])
+    states = trace.joined[tanhs:]
+    by_poles = scan_back(
+        *stage.poles, states[:count], states[count : 2 * count], planes[:count], planes[count : 2 * count]
+    )
+    driven = by_states[: 2 * count]
+    by_inputs = (by_states[2 * count :] + stage.drive.T @ driven).reshape(trace.inputs.shape)
+    return by_inputs, StageArrays(
+        np.array(by_poles),
+        driven @ inputs.T,
+        by_hidden @ joined[tanhs:].T,
+        by_hidden.sum(axis=1),
+        back @ joined.T,
+        back.sum(axis=1),
+    )
+
+
+def _flat(planes: F) -> F:
+    return planes.reshape(len(planes), -1)
+
+
+def new_states(member: MemberArrays, lanes: int) -> list[F]:
+    """Return states of zero (2, poles, lanes) for each stage."""
+    return [np.zeros((*stage.poles.shape, lanes)) for stage in member if stage is not None]
+
+
+def run_member(member: MemberArrays, motion: F, current: F, states: list[F]) -> tuple[F, list[Tape]]:
+    """Return the scaled force (ticks, lanes) for inputs (n, ticks, lanes), and the traces."""
+    between, first = run_stage(member.first, motion, states[0])
+    forces, second = run_stage(member.second, np.tanh(between, out=between), states[1])
+    if member.current is None:
+        return forces[0], [first, second]
+    factors, third = run_stage(member.current, current, states[2])
+    force = forces[0] + (factors * forces[1:]).sum(axis=0)
+    return force, [first, second, third, Tape(factors, forces)]
+
+
+def run_member_back(member: MemberArrays, traces: list[Tape], back: F) -> MemberArrays:
+    """Return the derivatives by all parts, from those by the force (ticks, lanes)."""
+    first, second, *rest = traces
+    by_forces, by_current = back[None], None
+    if member.current is not None:
+        third, (factors, forces) = rest
+        by_forces = np.concatenate([back[None], back * factors])
+        _, by_current = run_stage_back(member.current, third, back * forces[1:])
+    by_between, by_second = run_stage_back(member.second, second, by_forces)
+    by_between *= 1.0 - second.inputs**2
+    _, by_first = run_stage_back(member.first, first, by_between)
+    return MemberArrays(by_first, by_second, by_current)
 
 
 @dataclass(frozen=True)
@@ -253,89 +390,3 @@ def build_family(training: Training, rate_Hz: float) -> RecurrentFamily:
         rows = raw_inputs(signals, smoothing, training.envelope, training.inputs)
         parts.append(tuple(ScaledInput(s, float(r.mean()), float(r.std())) for s, r in zip(signals, rows, strict=True)))
     return RecurrentFamily(training, rate_Hz, smoothing, *parts)
-
-
-@dataclass(frozen=True)
-class Windows:
-    """Windows of `ticks` that start at `starts` (n,), `lanes` of them in a step; `weights` are 1 in the mean."""
-
-    starts: I
-    ticks: int
-    unscored: int
-    lanes: int
-    weights: F
-
-    @classmethod
-    def of(cls, training: Training, rate_Hz: float, weights: F) -> Windows:
-        """Return the windows with enough weight; the longest segment limits their length."""
-        ticks = min(max(MIN_WINDOW, round(WINDOW_S * rate_Hz)), MAX_WINDOW, int(np.diff(training.segments).max()))
-        unscored = round(UNSCORED * ticks)
-        known = np.concatenate([[0], np.cumsum(weights > 0.0)])
-        first = np.concatenate([np.arange(a, max(a, b - ticks + 1)) for a, b in training.segments])
-        share = (known[first + ticks] - known[first + unscored]) / (ticks - unscored)
-        starts = first[share >= min(0.5, float(share.max()))]
-        lanes = max(MIN_LANES, STEP_TICKS // ticks)
-        return cls(starts, ticks, unscored, lanes, weights / weights[weights > 0.0].mean())
-
-    def draw(self, random: np.random.Generator) -> tuple[I, F]:
-        """Return ticks and weights (ticks, lanes + 1) of some windows, the weights over the number of scored ticks.
-
-        The last one stays at one tick: it stands for a damper at rest, which recordings may not hold.
-        """
-        at = random.choice(self.starts, self.lanes + 1) + np.arange(self.ticks)[:, None]
-        at[:, -1] = at[0, -1]
-        weights = self.weights[at] / (self.lanes * (self.ticks - self.unscored))
-        weights[:, -1] = REST_WEIGHT / (self.ticks - self.unscored)
-        weights[: self.unscored] = 0.0
-        return at, weights
-
-
-def descend(
-    family: RecurrentFamily, weights: F, params: F, random: np.random.Generator, steps: int, rate: float = RATE
-) -> Iterator[F]:
-    """Yield the parameters after each step of AdamW on the weighted squared error of windows."""
-    t = family.training
-    windows, measured = Windows.of(t, family.rate_Hz, weights), t.measured / t.scale_N
-    at_rest = family.at_rest(weights)
-    mean, square = np.zeros(len(params)), np.zeros(len(params))
-    motion, current = family.rows
-    for k in range(1, steps + 1):
-        at, share = windows.draw(random)
-        arrays = family.arrays(params)
-        moving, wanted = motion[:, at], measured[at]
-        moving[:3, :, -1], wanted[:, -1] = family.still[:, None], at_rest[at[:, -1]]
-        force, traces = run_member(arrays, moving, current[:, at], new_states(arrays, windows.lanes + 1))
-        back = run_member_back(arrays, traces, 2.0 * share * (force - wanted))
-        gradient = family.gradient(params, back)
-        gradient *= min(1.0, MAX_GRADIENT / max(float(np.linalg.norm(gradient)), 1e-300))
-        mean += (1.0 - MEAN_BETA) * (gradient - mean)
-        square += (1.0 - SQUARE_BETA) * (gradient**2 - square)
-        root = np.sqrt(square / (1.0 - SQUARE_BETA**k)) + MIN_ROOT
-        now = rate * min(1.0, k / WARM_STEPS) * 0.5 * (1.0 + np.cos(np.pi * k / steps))
-        params = params - now * (mean / (1.0 - MEAN_BETA**k) / root + DECAY * family.decayed * params)
-        yield params
-
-
-def count_steps(limits: Limits) -> int:
-    """Return the steps of a fit: STEPS in the default work."""
-    return max(2, round(STEPS * limits.work))
-
-
-def train_member(
-    family: RecurrentFamily, limits: Limits, listener: Listener, seed: int, deadline: float, stop: threading.Event
-) -> SearchResult:
-    """Return the parameters with the lowest cost on the selection ticks that a seeded fit met."""
-    random, training, steps = np.random.default_rng(seed), family.training, count_steps(limits)
-    best = SearchResult(np.arange(FILTERS), np.empty(0), np.inf, seed, 0, "steps exhausted")
-    checks = set(np.linspace(steps // 2, steps, CHECKS, dtype=int).tolist())
-    for k, params in enumerate(descend(family, training.estimation, family.start(random), random, steps), 1):
-        ended = reason_to_end(limits, best.cost, deadline, stop) if k % POLL_STEPS == 0 else ""
-        if ended or k in checks:
-            cost = training.cost(family.force([params]), training.selection)
-            if cost < best.cost:
-                best = replace(best, coefficients=params, cost=cost, trials=k, share=k / steps)
-                listener(best)
-            ended = ended or (HOPELESS if best.cost > limits.hopeless else "")
-        if ended:
-            return replace(best, ended=ended)
-    return best

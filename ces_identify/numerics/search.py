@@ -1,21 +1,22 @@
-"""What searches share: when to stop, the model that a start found, a seeded start, and many in parallel threads."""
+"""What searches share: when to stop, the model that a start found, many starts in parallel threads, and their clock.
+
+The clock stops while a kernel is compiled, so that the first run on a computer gives the same result as later ones.
+"""
 
 from __future__ import annotations
 
 import signal
 import threading
-from abc import ABC, abstractmethod
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import inf
 
-import numpy as np
+from numba.core import event
 
 from ces_data.arrays import F, I
-from ces_identify.numerics import search_clock
-from ces_identify.polynomial.problem import Problem
 from ces_observer.structures.terms import MAX_TERMS
 
 GAUSS_NEWTON, THESIS = "gauss-newton", "thesis"
@@ -54,8 +55,8 @@ class Limits:
     stop: threading.Event | None = None
 
     def within(self, end_s: float, share: float = 1.0) -> Limits:
-        """Return the limits with a share of the time until `end_s` of search_clock."""
-        return replace(self, time=max(0.0, share * (end_s - search_clock.now())))
+        """Return the limits with a share of the time until `end_s` of `clock_s`."""
+        return replace(self, time=max(0.0, share * (end_s - clock_s())))
 
     @property
     def term_limit(self) -> int:
@@ -96,7 +97,7 @@ def reason_to_end(limits: Limits, cost: float, deadline: float, stop: threading.
         return INTERRUPTED
     if cost <= limits.target:
         return "target cost reached"
-    return TIME_IS_UP if search_clock.now() > deadline else ""
+    return TIME_IS_UP if clock_s() > deadline else ""
 
 
 def run_starts(limits: Limits, run: Callable[[int, float, threading.Event], SearchResult]) -> list[SearchResult]:
@@ -106,7 +107,7 @@ def run_starts(limits: Limits, run: Callable[[int, float, threading.Event], Sear
     one, all of them say so: more time might have made it the best.
     """
     stop = limits.stop or threading.Event()
-    deadline = search_clock.now() + limits.time
+    deadline = clock_s() + limits.time
     with _stop_on_interrupt(stop), ThreadPoolExecutor(max(1, limits.threads)) as pool:
         seeds = range(limits.seed, limits.seed + limits.starts)
         starts = [pool.submit(run, seed, deadline, stop) for seed in seeds]
@@ -136,48 +137,31 @@ def _stop_on_interrupt(stop: threading.Event) -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
 
 
-class SearchStart(ABC):
-    """A start; `listener` receives each better model."""
+class _Compiling(event.Listener):  # type: ignore[misc]  # numba has no types
+    """Adds up the seconds of compilation; one thread compiles at a time, under a lock of numba."""
 
-    work: float  # ticks times trials, at most
+    def __init__(self) -> None:
+        self._depth, self._began, self._ended = 0, 0.0, 0.0
 
-    def __init__(
-        self, problem: Problem, limits: Limits, seed: int, deadline: float, stop: threading.Event, listener: Listener
-    ) -> None:
-        self.problem, self.limits, self.seed = problem, limits, seed
-        self.deadline, self.stop, self.listener = deadline, stop, listener
-        self.random = np.random.default_rng(seed)
-        self.trials = 0
-        self.current = self._first_model()
-        self.trials = self.current.trials
-        self.budget = max(1.0, limits.work * self.work / len(problem.measured)) + self.trials
-        self._met = {len(self.current.chosen): self.current}
+    def on_start(self, _: event.Event) -> None:
+        if self._depth == 0:
+            self._began = time.monotonic()
+        self._depth += 1
 
-    def run(self) -> SearchResult:
-        """Search until no candidate helps or a limit is reached or Ctrl-C; return the best model."""
-        self._search()
-        ended = self._reason_to_end() or "no candidates left"
-        self._keep(replace(self.current, trials=self.trials, ended=ended))
-        return replace(self.current, share=1.0, met=tuple(self._met.values()))
+    def on_end(self, _: event.Event) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self._ended += time.monotonic() - self._began
 
-    @abstractmethod
-    def _search(self) -> None:
-        """Make `current` the best model that can be found."""
+    def subtract_compilation(self, now: float) -> float:
+        """Return `now`, from time.monotonic(), less all compilation before it."""
+        return (self._began if self._depth else now) - self._ended
 
-    def _first_model(self) -> SearchResult:
-        return self._result(np.empty(0, np.int64), np.empty(0), np.inf)
 
-    def _result(self, chosen: I, coefficients: F, cost: float) -> SearchResult:
-        share = min(1.0, self.trials / self.budget) if self.trials else 0.0
-        return SearchResult(chosen, coefficients, cost, self.seed, self.trials, "running", share)
+_COMPILING = _Compiling()
+event.register("numba:compile", _COMPILING)
 
-    def _keep(self, model: SearchResult) -> None:
-        self.current = model
-        best = self._met.get(len(model.chosen))
-        if best is None or model.cost <= best.cost:
-            self._met[len(model.chosen)] = model
-        self.listener(model)
 
-    def _reason_to_end(self) -> str:
-        reason = reason_to_end(self.limits, self.current.cost, self.deadline, self.stop)
-        return reason or (WORK_IS_DONE if self.trials >= self.budget else "")
+def clock_s() -> float:
+    """Return the seconds of a clock that stops during compilation in this process."""
+    return _COMPILING.subtract_compilation(time.monotonic())

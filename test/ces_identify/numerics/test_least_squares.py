@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from ces_identify.numerics.levenberg import MAX_MOVE, CentredProblem, damped_step, descend, descend_about_centre
+from ces_identify.numerics.least_squares import CENTRED, CentredProblem, damped_step, descend, descend_about_centre
 
 
 def valley(params, most):
@@ -67,7 +67,7 @@ def test_a_curved_valley_is_followed_to_its_end_in_short_steps():
     steps = list(descend_about_centre(bent, start))
     values, path = [value for value, _ in steps], np.array([start, *(theta for _, theta in steps)])
     assert values == sorted(values, reverse=True)
-    assert np.abs(np.diff(path, axis=0)).max() <= MAX_MOVE * (1.0 + 1e-12)
+    assert np.abs(np.diff(path, axis=0)).max() <= CENTRED.max_move * (1.0 + 1e-12)
     np.testing.assert_allclose(path[-1], (1.0, 1.0), atol=1e-5)
 
 

@@ -8,16 +8,20 @@ from planted import NETWORK, SAMPLING, planted, with_values
 from recurrent_models import recurrent_model
 
 from ces_identify.identification import identify
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.numerics.search import Limits
 from ces_identify.prepare.cost import series_cost
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS, model_table, run_batch
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.recurrent import fit_recurrent
-from ces_identify.trained.recurrent_kernels import new_states, run_member, run_member_back
-from ces_identify.trained.recurrent_training import Windows, build_family, descend
-from ces_identify.trained.training import build_training
+from ces_identify.structures.recurrent import Windows, descend, fit_recurrent
+from ces_identify.structures.recurrent_network import (
+    build_family,
+    new_states,
+    run_member,
+    run_member_back,
+)
+from ces_identify.training import build_training
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
 

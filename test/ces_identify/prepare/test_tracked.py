@@ -8,7 +8,7 @@ from rough_samples import MS, rough_samples
 from samplings import make_sampling
 from trackers import Tracker
 
-from ces_identify.numerics.speed_kernels import track
+from ces_identify.prepare.series import track
 from ces_observer.reasons import REASONS
 from ces_observer.tick.bank import TOTAL
 from ces_observer.tick.tracker import BEYOND_STROKE, NOT_FINITE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, UNSETTLED
