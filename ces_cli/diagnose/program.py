@@ -185,7 +185,7 @@ def _plan_jobs(
         with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
             try:
                 recordings = _read(request.simulation, unit, signals)
-                seen += [unit.name] if any(is_seen(one, request.simulation) for one in recordings) else []
+                seen += [unit.name] if any(is_seen(recording, request.simulation) for recording in recordings) else []
                 job = job_of(unit.name, recordings, request, described, folder)
                 if job.key in jobs:
                     raise CesError(f"the same recordings as {jobs[job.key][0].name}")
