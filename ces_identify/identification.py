@@ -80,17 +80,19 @@ class IdentificationResult:
         proof = "stability not proved" if model.certificate is None else "proved stable"
         return f"{model.structure}: {describe_size(model)} at {model.sampling.rate_Hz:g} Hz, {proof}; costs J:"
 
-    def require_explained(self, found: Sequence[Finding] = (), ignore_findings: bool = False) -> IdentificationResult:
+    def require_explained(
+        self, findings: Sequence[Finding] = (), ignore_findings: bool = False
+    ) -> IdentificationResult:
         """Return the result with the findings in spite of which it was identified in the model's provenance.
 
-        `found` are those of the checks. Raises RecordingError if the model explains nothing of the force that it was
+        `findings` are those of the checks. Raises RecordingError if the model explains nothing of the force that it was
         fitted to, unless `ignore_findings`.
         """
         failure = self._describe_failure()
-        reasons = [f.text for f in found if f.signal != "current"] or [UNLIKE_FORCE]
+        reasons = [f.text for f in findings if f.signal != "current"] or [UNLIKE_FORCE]
         if failure and not ignore_findings:
             raise RecordingError(f"{failure}; {reasons[0]}; --ignore-findings keeps such a model")
-        forced = [f.text for f in found if f.severity == WRONG_MODEL] + [failure] * bool(failure)
+        forced = [f.text for f in findings if f.severity == WRONG_MODEL] + [failure] * bool(failure)
         if not forced:
             return self
         return replace(self, model=replace(self.model, provenance={**self.model.provenance, "forced": forced}))
@@ -98,7 +100,7 @@ class IdentificationResult:
     def _describe_failure(self) -> str:
         """Return what shows that the model explains nothing; '' if it does, or for an interrupted or weighted fit."""
         fitted = [e for e in self.evaluations if e.role == IDENTIFICATION]
-        stopped = any(one.ended == INTERRUPTED for one in self.search_results)
+        stopped = any(result.ended == INTERRUPTED for result in self.search_results)
         if stopped or "weights" in self.model.provenance["selection"]:
             return ""
         cost = pooled_cost(fitted)
@@ -134,7 +136,7 @@ def identify(
     """
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
-    identified = [without_spikes(one.part(0.0, options.share(validation))) for one in recordings]
+    identified = [without_spikes(recording.part(0.0, options.share(validation))) for recording in recordings]
     motion = choose_motion(recordings, options.speed)
     sampling = choose_sampling(identified, options.rate, options.delay, motion)
     return _identify_at(sampling, recordings, validation, options, listener, fitter)
@@ -360,9 +362,9 @@ def cross_fit(
     fitted, series = kept[-1]
     masks = masks_by_stretch(series) if len(series) == 1 else masks_by_recording(series, FoldLimits.MAX_PARTS)
     with ThreadPoolExecutor(max(1, options.limits.threads)) as pool:
-        found = list(pool.map(partial(_leave_out, fitted, series), masks))
-    parts = tuple(part for group in found for part in group)
-    return CrossFit(result, parts, tuple(group[0].model for group in found if group))
+        left_out = list(pool.map(partial(_leave_out, fitted, series), masks))
+    parts = tuple(part for group in left_out for part in group)
+    return CrossFit(result, parts, tuple(group[0].model for group in left_out if group))
 
 
 def _leave_out(fitted: Fitted, series: Sequence[Series], masks: Sequence[Mask]) -> list[LeftOutPart]:
@@ -371,9 +373,9 @@ def _leave_out(fitted: Fitted, series: Sequence[Series], masks: Sequence[Mask]) 
     if model is None:
         return []
     parts = []
-    for i, (one, mask) in enumerate(zip(series, masks, strict=True)):
+    for i, (recorded, mask) in enumerate(zip(series, masks, strict=True)):
         if mask.any():  # a part reaches to infinity at the ends of its recording
-            start_s = -np.inf if mask[0] else float(one.time_s[mask][0])
-            stop_s = np.inf if mask[-1] else float(one.time_s[mask][-1]) + 1.0 / one.rate_Hz
+            start_s = -np.inf if mask[0] else float(recorded.time_s[mask][0])
+            stop_s = np.inf if mask[-1] else float(recorded.time_s[mask][-1]) + 1.0 / recorded.rate_Hz
             parts.append(LeftOutPart(i, start_s, stop_s, model))
     return parts

@@ -105,10 +105,10 @@ class CampaignRows:
 
     def recommended(self) -> dict[str, Row]:
         """Return the recommended model of each set of bags, and of each delay if there are several."""
-        found = {}
+        models = {}
         for bags in self.bags:
             groups = self.of_delay(bags)
             for delay, rows in groups.items():
                 name = f"{bags}, delay {1e3 * delay:g} ms" if len(groups) > 1 else bags
-                found[name] = recommend_model(rows)
-        return {name: row for name, row in found.items() if row is not None}
+                models[name] = recommend_model(rows)
+        return {name: row for name, row in models.items() if row is not None}

@@ -57,20 +57,20 @@ def characterise(
         for number, motion in enumerate(motions)
         for stretch in motion.stretches
     ]
-    found = join_cycles(parts)
-    tables = cycle_tables(found.select(found.used), tolerance, sources)
+    cycles = join_cycles(parts)
+    tables = cycle_tables(cycles.select(cycles.used), tolerance, sources)
     read = [step for motion in motions for step in read_steps(motion, sources, tolerance)]
     steps, means = tuple(step.row for step in read), [average_steps(one) for one in group_steps(read, tolerance)]
     return Characteristics(
         sources=sources,
         current_tolerance_A=tolerance,
-        recordings=tuple(_describe(motion, k, found) for k, motion in enumerate(motions)),
+        recordings=tuple(_describe(motion, k, cycles) for k, motion in enumerate(motions)),
         **tables,
         responses=tuple(response for response, _ in means),
         response_points=tuple(point for _, points in means for point in points),
         steps=steps,
         speed_bins=tuple(row for source in sources for row in fill_bins(stretches, source, tolerance)),
-        omissions=tuple(find_omissions(motions, found, steps, tables["work"])),
+        omissions=tuple(find_omissions(motions, cycles, steps, tables["work"])),
     )
 
 
@@ -112,14 +112,14 @@ def fill_bins(stretches: Sequence[Stretch], source: str, tolerance_A: float) -> 
 
 def _group_by_current(current: F, steady: Mask, tolerance: float) -> Iterator[tuple[float, float, I]]:
     """Yield lowest, highest and members (indices) of each level, or of each range if there are no levels."""
-    known = np.isfinite(current)
-    held = np.flatnonzero(known & steady)
-    levels = group_values(current[held], tolerance) if len(held) >= MIN_STEADY * known.sum() else []
+    finite = np.isfinite(current)
+    held = np.flatnonzero(finite & steady)
+    levels = group_values(current[held], tolerance) if len(held) >= MIN_STEADY * finite.sum() else []
     if 0 < len(levels) <= MAX_LEVELS:
         for level in levels:
             yield float(current[held[level]].min()), float(current[held[level]].max()), np.sort(held[level])
         return
-    low, high = np.percentile(current[known], (1.0, 99.0)) if known.any() else (0.0, 0.0)
+    low, high = np.percentile(current[finite], (1.0, 99.0)) if finite.any() else (0.0, 0.0)
     for a, b in pairwise(np.linspace(low, high, RANGES + 1)):
         inside = (current >= a) & (current < b if b < high else current <= b)
-        yield float(a), float(b), np.flatnonzero(known & inside)
+        yield float(a), float(b), np.flatnonzero(finite & inside)

@@ -58,10 +58,10 @@ def cycle_tables(cycles: Cycles, tolerance_A: float, sources: Sequence[str]) -> 
         for source in sources:
             values = measured if source == MEASURED else evaluate_cycles(chosen, source)
             count = int(np.isfinite(values.work_J).sum())
-            one = SourceValues({"source": source, "cycles": count, **columns}, chosen, values, measured)
+            of_source = SourceValues({"source": source, "cycles": count, **columns}, chosen, values, measured)
             for name, make_rows in ROWS_OF.items():
                 if count >= (1 if name == "peak_velocity" else MIN_CYCLES):
-                    tables[name] += make_rows(one)
+                    tables[name] += make_rows(of_source)
     return {name: tuple(rows) for name, rows in tables.items()}
 
 
@@ -129,29 +129,29 @@ def _group_cycles(indices: I, amplitude: F, frequency: F, centre: F) -> Iterator
     yield from (np.array(group, np.int64) for group in members)
 
 
-def peak_rows(one: SourceValues) -> Iterator[PeakForce]:
+def peak_rows(source: SourceValues) -> Iterator[PeakForce]:
     """Yield the peak velocity pick-up in both directions."""
     for direction in DIRECTIONS:
-        half, measured = one.values.halves[direction], one.measured.halves[direction]
+        half, measured = source.values.halves[direction], source.measured.halves[direction]
         yield PeakForce(
-            **one.key,
+            **source.key,
             direction=direction,
             speed_m_s=mean(half.peak_speed),
             **_with_sd("force", "N", half.peak_force),
-            **_with_sd("difference", "N", one.difference(half.peak_force, measured.peak_force)),
-            note=FEW if one.key["cycles"] < MIN_CYCLES else "",
+            **_with_sd("difference", "N", source.difference(half.peak_force, measured.peak_force)),
+            note=FEW if source.key["cycles"] < MIN_CYCLES else "",
         )
 
 
-def continuous_rows(one: SourceValues) -> Iterator[ContinuousForce]:
+def continuous_rows(source: SourceValues) -> Iterator[ContinuousForce]:
     """Yield force and hysteresis at shares of the peak speed in both directions."""
     for direction in DIRECTIONS:
-        half, measured = one.values.halves[direction], one.measured.halves[direction]
-        difference, force, width = one.difference(half.mean, measured.mean), half.mean, half.width
+        half, measured = source.values.halves[direction], source.measured.halves[direction]
+        difference, force, width = source.difference(half.mean, measured.mean), half.mean, half.width
         speed = mean(half.peak_speed)
         for k, share in enumerate(SHARES):
             yield ContinuousForce(
-                **one.key,
+                **source.key,
                 direction=direction,
                 speed_m_s=float(share) * speed,
                 accelerating_N=mean(half.accelerating[:, k]),
@@ -162,26 +162,26 @@ def continuous_rows(one: SourceValues) -> Iterator[ContinuousForce]:
             )
 
 
-def loop_rows(one: SourceValues) -> Iterator[LoopPoint]:
+def loop_rows(source: SourceValues) -> Iterator[LoopPoint]:
     """Yield the mean loop, from full rebound over full compression back."""
     for k in range(2 * HALF + 1):
         yield LoopPoint(
-            **one.key,
+            **source.key,
             phase=k / (2 * HALF),
-            position_m=mean(one.cycles.position[:, k]),
-            speed_m_s=mean(one.cycles.speed[:, k]),
-            **_with_sd("force", "N", one.cycles.forces[one.key["source"]][:, k]),
+            position_m=mean(source.cycles.position[:, k]),
+            speed_m_s=mean(source.cycles.speed[:, k]),
+            **_with_sd("force", "N", source.cycles.forces[source.key["source"]][:, k]),
         )
 
 
-def work_rows(one: SourceValues) -> Iterator[CycleWork]:
+def work_rows(source: SourceValues) -> Iterator[CycleWork]:
     """Yield work, equivalent damping and the forces at zero speed."""
-    values = one.values
+    values = source.values
     compression, rebound = (mean(values.halves[d].peak_force) for d in (COMPRESSION, REBOUND))
     dissipates = mean(values.work_J) > 0.0
     damped = dissipates and compression > 0.0 > rebound
     yield CycleWork(
-        **one.key,
+        **source.key,
         **_with_sd("work", "J", values.work_J),
         power_W=mean(values.power_W),
         **(_with_sd("damping", "Ns_m", values.damping_Ns_m) if dissipates else {}),
@@ -189,7 +189,7 @@ def work_rows(one: SourceValues) -> Iterator[CycleWork]:
         **_with_sd("zero_width", "N", values.top_N - values.bottom_N),
         zero_width_per_ms_N=mean(values.width_per_skew_N),
         rebound_ratio=-rebound / compression if damped else np.nan,
-        **_with_sd("difference", "J", one.difference(values.work_J, one.measured.work_J)),
+        **_with_sd("difference", "J", source.difference(values.work_J, source.measured.work_J)),
         note="" if damped else NO_RATIO if dissipates else NOTHING_DISSIPATED,
     )
 
@@ -204,12 +204,12 @@ ROWS_OF: dict[str, Callable[[SourceValues], Iterator[Any]]] = {
 
 def mean(values: F) -> float:
     """Return the mean of the finite values, NaN if there are none."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else np.nan
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else np.nan
 
 
 def _with_sd(name: str, unit: str, values: F) -> dict[str, Any]:
     """Return the columns of a mean and its standard deviation between cycles, NaN for fewer than MIN_CYCLES."""
-    known = values[np.isfinite(values)]
-    sd = float(known.std(ddof=1)) if len(known) >= MIN_CYCLES else np.nan
+    finite = values[np.isfinite(values)]
+    sd = float(finite.std(ddof=1)) if len(finite) >= MIN_CYCLES else np.nan
     return {f"{name}_{unit}": mean(values), f"{name}_sd_{unit}": sd}

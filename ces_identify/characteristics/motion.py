@@ -145,7 +145,7 @@ def _make_stretch(
         speed=speed,
         current=hold_current(recording, times, MAX_CURRENT_AGE_S),
         current_s=np.empty(0) if logged is None else _seconds(np.sort(logged.stamps_ns), start_ns),
-        forces={source: interpolate_force(one, times, gap_s) for source, one in forced.items()},
+        forces={source: interpolate_force(given, times, gap_s) for source, given in forced.items()},
     )
 
 

@@ -138,9 +138,9 @@ def choose_test_points(results: Characteristics) -> list[CycleWork]:
     return [full[k] for k in chosen]
 
 
-def _same_test(one: ConditionRow, other: ConditionRow) -> bool:
+def _same_test(row: ConditionRow, other: ConditionRow) -> bool:
     """Return whether two rows have nearly the same amplitude and frequency."""
-    ratios = np.array([other.amplitude_m / one.amplitude_m, other.frequency_Hz / one.frequency_Hz])
+    ratios = np.array([other.amplitude_m / row.amplitude_m, other.frequency_Hz / row.frequency_Hz])
     return bool((np.abs(np.log(ratios)) <= SAME_TEST).all())
 
 

@@ -147,9 +147,9 @@ def _plateau_pairs(stretch: Stretch, tolerance_A: float) -> Iterator[tuple[tuple
     reach = window // 2 - 1  # the filters' windows are centred
     size = len(stretch.current)
     spans = [(max(int(a) - reach, 0), min(int(b) + reach, size)) for a, b in zip(starts, stops, strict=True)]
-    for one, other in pairwise(spans):
-        if other[0] - one[1] <= MAX_STEP_S * stretch.rate_Hz + 2:
-            yield one, other
+    for before, after in pairwise(spans):
+        if after[0] - before[1] <= MAX_STEP_S * stretch.rate_Hz + 2:
+            yield before, after
 
 
 def _locate_step(stretch: Stretch, at: int) -> tuple[float, float]:

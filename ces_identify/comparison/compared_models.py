@@ -65,8 +65,8 @@ def make_compared_model(name: str, simulation: Simulation, source: str = "") -> 
     provenances += [inside.model.provenance] if isinstance(inside, ModelSimulation) else [{}]
     listed = [{"identification": one.get(role)} for one in provenances for role in FITTED_ROLES]
     rows = tuple(row for one in listed for row in identification_rows(one))
-    known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
-    return ComparedModel(name, simulation, source, rows, known)
+    is_known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
+    return ComparedModel(name, simulation, source, rows, is_known)
 
 
 def name_sources(sources: Sequence[str]) -> list[str]:

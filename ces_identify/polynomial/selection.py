@@ -181,7 +181,7 @@ class GaussNewtonStart(SearchStart):
                 return None
             self.trials += 1
             grown.append((chosen, self._fit(chosen, coefficients, STEPS)))
-        for chosen, fit in sorted(grown, key=lambda one: one[1].error):
+        for chosen, fit in sorted(grown, key=lambda pair: pair[1].error):
             trial = self._evaluate(chosen, fit)
             if trial.cost < bound:
                 return trial

@@ -41,7 +41,7 @@ class BestStructure:
     ) -> Fitted:
         """Return the best model, or the mean of the best; raises CesError if no structure can be fitted."""
         run = _Fits(self.sizes, series, sampling, options, listener)
-        scored_s = sum(float(one.scored.sum()) / one.rate_Hz for one in series)
+        scored_s = sum(float(recorded.scored.sum()) / recorded.rate_Hz for recorded in series)
         usual = [name for name, kit in KITS.items() if kit.auto_work > 0.0 and kit.auto_s <= scored_s]
         work = {name: KITS[name].auto_work or 1.0 for name in self.names or usual}
         whole = [name for name in work if work[name] >= 1.0]
@@ -148,7 +148,7 @@ def mean_of(models: Sequence[Model], weights: Sequence[float]) -> Model:
     members = []
     for model, weight in zip(models, weights, strict=True):
         own = model.body.members if isinstance(model.body, Mixture) else ()
-        members += [replace(one, weight=weight * one.weight) for one in own]
+        members += [replace(member, weight=weight * member.weight) for member in own]
         members += [] if own else [WeightedModel(weight, model.body, model.force_envelope_N)]
     lows, highs = zip(*(model.force_envelope_N for model in models), strict=True)
     mean = Model(models[0].sampling, Mixture(tuple(members)), models[0].envelope, (min(lows), max(highs)))
@@ -157,9 +157,9 @@ def mean_of(models: Sequence[Model], weights: Sequence[float]) -> Model:
 
 
 def _refit_mean(members: Sequence[Fitted], weights: Sequence[float], ticks: F) -> Model | None:
-    models = [one.refit(ticks) for one in members if one.refit is not None]
-    known = [model for model in models if model is not None]
-    return mean_of(known, weights) if len(known) == len(members) else None
+    models = [member.refit(ticks) for member in members if member.refit is not None]
+    refitted = [model for model in models if model is not None]
+    return mean_of(refitted, weights) if len(refitted) == len(members) else None
 
 
 def physical_structures() -> list[str]:

@@ -290,10 +290,10 @@ def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], 
     )
     heads = (Markup("Expert"), *(signal_symbol(r.signal, r.lag) for r in body.inputs), Markup("Fades in [ms]"))
     rows = []
-    for number, one in enumerate(body.experts, 1):
-        slowest = max(one.past, one.past + one.past_bend)
+    for number, expert in enumerate(body.experts, 1):
+        slowest = max(expert.past, expert.past + expert.past_bend)
         fades = 1e3 / (-log(slowest) * model.sampling.rate_Hz) if 0.0 < slowest < 1.0 else 0.0
-        forces = (four_figures(body.scale_N * weight) for weight in one.linear[:-1])
+        forces = (four_figures(body.scale_N * weight) for weight in expert.linear[:-1])
         rows.append((Markup("{}").format(number), *forces, four_figures(fades)))
     symbols = describe_signals((r.signal for r in body.inputs), model.sampling.rate_Hz)
     return parameter_table(about, heads, tuple(rows), symbols)

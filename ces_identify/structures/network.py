@@ -175,7 +175,7 @@ def read_lags(text: str) -> LagCounts | None:
     if text == AUTO:
         return None
     counts = text.split(",")
-    if len(counts) != 3 or not all(one.strip().isdecimal() and int(one) <= MAX_COUNT for one in counts):
+    if len(counts) != 3 or not all(count.strip().isdecimal() and int(count) <= MAX_COUNT for count in counts):
         raise ValueError(
             f"'{text}' is not Y,C,V, such as 2,4,5: numbers of past forces, currents and speeds from 0 to {MAX_COUNT}"
         )

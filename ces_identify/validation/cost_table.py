@@ -126,8 +126,8 @@ def compare_with_teacher(
     for e in evaluations:
         force, both = _find_measured_force(e.series, prepared), e.series.scored
         both = both & np.isfinite(force)
-        truth, known = force[both], bool(both.sum() >= TickLimits.MIN_SCORED and np.ptp(force[both]) > 0.0)
-        teacher, own = (cost(truth, x[both]) if known else np.nan for x in (e.series.force, e.run.force))
+        truth, enough = force[both], bool(both.sum() >= TickLimits.MIN_SCORED and np.ptp(force[both]) > 0.0)
+        teacher, own = (cost(truth, x[both]) if enough else np.nan for x in (e.series.force, e.run.force))
         costs.append(DistillationCosts(e.name, e.role, e.cost, teacher, own))
     return tuple(costs)
 

@@ -49,12 +49,12 @@ def cycle_noise(series: Series) -> CycleNoise | str:
     cycle, lag = (np.arange(len(series)) / period).astype(np.int64), whole_ticks(period)
     stroke = _rms_by_cycle(differences(series.position, settled, lag), cycle) / float(series.position[start:stop].std())
     current = _rms_by_cycle(differences(series.current, settled, lag), cycle) / max(_rms(series.current), 1e-12)
-    known = np.isfinite(stroke) & np.isfinite(current)
+    finite = np.isfinite(stroke) & np.isfinite(current)
     for name, mismatch in (("stroke", stroke), ("current", current)):
-        if known.any() and np.median(mismatch[known]) > CycleLimits.MISMATCH:
-            share = 100.0 * np.median(mismatch[known])
+        if finite.any() and np.median(mismatch[finite]) > CycleLimits.MISMATCH:
+            share = 100.0 * np.median(mismatch[finite])
             return f"the stroke repeats, but from cycle to cycle the {name} differs by {share:.1f} %"
-    same = known & (stroke <= CycleLimits.MISMATCH) & (current <= CycleLimits.MISMATCH)
+    same = finite & (stroke <= CycleLimits.MISMATCH) & (current <= CycleLimits.MISMATCH)
     force = differences(np.where(series.scored, series.force, np.nan), settled, lag)
     used = force[same[cycle] & np.isfinite(force)]
     cycles = int(len(used) / period)
@@ -105,9 +105,9 @@ def differences(x: F, runs: I, lag: int) -> F:
 
 def _rms_by_cycle(difference: F, cycle: I) -> F:
     """Return the RMS of the differences in each cycle, NaN where fewer than half its ticks have one."""
-    known = np.isfinite(difference)
-    ticks, all_ticks = np.bincount(cycle, known), np.bincount(cycle)
-    squares = np.bincount(cycle, np.where(known, difference, 0.0) ** 2)
+    finite = np.isfinite(difference)
+    ticks, all_ticks = np.bincount(cycle, finite), np.bincount(cycle)
+    squares = np.bincount(cycle, np.where(finite, difference, 0.0) ** 2)
     return np.where(2 * ticks >= all_ticks, np.sqrt(squares / np.maximum(ticks, 1)), np.nan)
 
 
