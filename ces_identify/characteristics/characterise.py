@@ -19,16 +19,13 @@ from ces_identify.characteristics.cycles import Cycles, find_cycles, join_cycles
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch, prepare_motion
 from ces_identify.characteristics.rows import Characteristics, RecordingFacts, SpeedBin, find_omissions
 from ces_identify.characteristics.steps import average_steps, group_steps, read_steps
+from ces_identify.limits import BinLimits
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
 BINS = 32
 RANGES = 4
-MAX_LEVELS = 12
-MIN_STEADY = 0.5  # share of samples at a steady current, for levels
 RANGE_QUANTILE = 0.998  # of |speed|, the edge of the outermost bins
-MIN_SAMPLES = 30
-MIN_VISITS = 3  # separate passes through a bin: samples of one pass are not independent
 QUANTILES = (0.1, 0.5, 0.9)
 
 
@@ -94,7 +91,7 @@ def fill_bins(stretches: Sequence[Stretch], source: str, tolerance_A: float) -> 
         for index in range(BINS):
             inside = places[cell[places] == index]
             visits = 1 + int((np.diff(inside) > 1).sum())
-            if len(inside) >= MIN_SAMPLES and visits >= MIN_VISITS:
+            if len(inside) >= BinLimits.MIN_SAMPLES and visits >= BinLimits.MIN_VISITS:
                 low, median, high = (float(q) for q in np.quantile(force[inside], QUANTILES))
                 yield SpeedBin(
                     source=source,
@@ -114,8 +111,8 @@ def _group_by_current(current: F, steady: Mask, tolerance: float) -> Iterator[tu
     """Yield lowest, highest and members (indices) of each level, or of each range if there are no levels."""
     finite = np.isfinite(current)
     held = np.flatnonzero(finite & steady)
-    levels = group_values(current[held], tolerance) if len(held) >= MIN_STEADY * finite.sum() else []
-    if 0 < len(levels) <= MAX_LEVELS:
+    levels = group_values(current[held], tolerance) if len(held) >= BinLimits.MIN_STEADY * finite.sum() else []
+    if 0 < len(levels) <= BinLimits.MAX_LEVELS:
         for level in levels:
             yield float(current[held[level]].min()), float(current[held[level]].max()), np.sort(held[level])
         return

@@ -13,7 +13,6 @@ from ces_identify.characteristics.cycles import (
     COMPRESSION,
     DIRECTIONS,
     HALF,
-    MIN_CYCLES,
     REBOUND,
     SHARES,
     Cycles,
@@ -22,13 +21,10 @@ from ces_identify.characteristics.cycles import (
 )
 from ces_identify.characteristics.motion import MEASURED, Stretch
 from ces_identify.characteristics.rows import ContinuousForce, CycleWork, LoopPoint, PeakForce
+from ces_identify.limits import DynoLimits
 from ces_identify.numerics.correlation import noise_rms
 
-CURRENT_SHARE = 0.03  # of the largest current: less is the same current
-CURRENT_NOISE = 8.0  # times the noise of the measured current: less is the same current
-SAME_SIZE = 0.03  # relative difference of amplitude and of frequency within a condition
-SAME_CENTRE = 0.2  # difference of the centre of the stroke within a condition, of the amplitude
-FEW = f"fewer than {MIN_CYCLES} cycles: no spread"
+FEW = f"fewer than {DynoLimits.MIN_CYCLES} cycles: no spread"
 NOTHING_DISSIPATED = "the loop dissipates nothing: check the sign of force or position, or the delay between them"
 NO_RATIO = "one direction does not resist: no ratio (offset of the force?)"
 
@@ -60,7 +56,7 @@ def cycle_tables(cycles: Cycles, tolerance_A: float, sources: Sequence[str]) -> 
             count = int(np.isfinite(values.work_J).sum())
             of_source = SourceValues({"source": source, "cycles": count, **columns}, chosen, values, measured)
             for name, make_rows in ROWS_OF.items():
-                if count >= (1 if name == "peak_velocity" else MIN_CYCLES):
+                if count >= (1 if name == "peak_velocity" else DynoLimits.MIN_CYCLES):
                     tables[name] += make_rows(of_source)
     return {name: tuple(rows) for name, rows in tables.items()}
 
@@ -73,7 +69,7 @@ def current_tolerance(stretches: Sequence[Stretch]) -> float:
             largest = max(largest, float(np.percentile(np.abs(current), 99.0)))
         changes = current[np.diff(current, prepend=np.nan) != 0.0]  # held samples would hide the noise
         noise = max(noise, noise_rms(changes if len(changes) > 0.1 * len(current) else current))
-    return max(CURRENT_SHARE * largest, CURRENT_NOISE * noise, 1e-9)
+    return max(DynoLimits.CURRENT_SHARE * largest, DynoLimits.CURRENT_NOISE * noise, 1e-9)
 
 
 def group_values(values: F, tolerance: float) -> list[I]:
@@ -118,7 +114,7 @@ def _group_cycles(indices: I, amplitude: F, frequency: F, centre: F) -> Iterator
     means: list[F] = []
     for index in indices.tolist():
         values = np.array([np.log(amplitude[index]), np.log(frequency[index]), centre[index] / amplitude[index]])
-        limits = (SAME_SIZE, SAME_SIZE, SAME_CENTRE)
+        limits = (DynoLimits.SAME_SIZE, DynoLimits.SAME_SIZE, DynoLimits.SAME_CENTRE)
         match = next((k for k, mean in enumerate(means) if (np.abs(values - mean) <= limits).all()), None)
         if match is None:
             members.append([index])
@@ -139,7 +135,7 @@ def peak_rows(source: SourceValues) -> Iterator[PeakForce]:
             speed_m_s=mean(half.peak_speed),
             **_with_sd("force", "N", half.peak_force),
             **_with_sd("difference", "N", source.difference(half.peak_force, measured.peak_force)),
-            note=FEW if source.key["cycles"] < MIN_CYCLES else "",
+            note=FEW if source.key["cycles"] < DynoLimits.MIN_CYCLES else "",
         )
 
 
@@ -211,5 +207,5 @@ def mean(values: F) -> float:
 def _with_sd(name: str, unit: str, values: F) -> dict[str, Any]:
     """Return the columns of a mean and its standard deviation between cycles, NaN for fewer than MIN_CYCLES."""
     finite = values[np.isfinite(values)]
-    sd = float(finite.std(ddof=1)) if len(finite) >= MIN_CYCLES else np.nan
+    sd = float(finite.std(ddof=1)) if len(finite) >= DynoLimits.MIN_CYCLES else np.nan
     return {f"{name}_{unit}": mean(values), f"{name}_sd_{unit}": sd}

@@ -26,24 +26,8 @@ from ces_observer.structures.structure import Range
 from ces_observer.tick import tracker
 from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TOTAL
 from ces_observer.tick.tracker import (
-    AHEAD,
-    BEYOND_STROKE,
-    INNOVATION,
-    LAST_TICK,
-    LATE_AT,
-    LATE_KNOWN,
-    MAX_GAP_NS,
-    MAX_MOTION,
-    OK,
-    OLD_POSITION,
-    OLD_SPEED,
-    ORIGIN,
-    OUT_OF_ORDER,
-    OUTLIER,
-    PATIENCE,
-    RESTARTED,
-    TICKS,
-    UNSETTLED,
+    AHEAD, BEYOND_STROKE, INNOVATION, LAST_TICK, LATE_AT, LATE_KNOWN, MAX_GAP_NS, MAX_MOTION, OK, OLD_POSITION,
+    OLD_SPEED, ORIGIN, OUT_OF_ORDER, OUTLIER, PATIENCE, RESTARTED, TICKS, UNSETTLED,
 )  # fmt: skip
 
 

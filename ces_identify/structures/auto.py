@@ -122,7 +122,7 @@ class _Fits:
 
 def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
     """Return the only fit of `alike`, or the mean of these by 1 / J, with all costs for the provenance."""
-    costs = dict(sorted(((name, fitted.results[0].cost) for name, fitted in fits.items()), key=lambda one: one[1]))
+    costs = dict(sorted(((name, fitted.results[0].cost) for name, fitted in fits.items()), key=lambda pair: pair[1]))
     shares = [1.0 / max(costs[name], 1e-9) for name in alike]
     weights = [share / sum(shares) for share in shares]
     taken = " and ".join(f"{name} ({weight:.2f})" for name, weight in zip(alike, weights, strict=True))
@@ -130,16 +130,20 @@ def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
     if len(alike) > 1:
         reason = f"the mean of {taken} is taken, which cost at most {ChoiceLimits.ALIKE:g} times as much as the best"
     facts = {"structure": " and ".join(alike), "structures": _round_costs(costs), REASON: reason}
-    first = fits[alike[0]]
+    best = fits[alike[0]]
     if len(alike) == 1:
-        return replace(first, how={**first.how, **facts})
+        return replace(best, how={**best.how, **facts})
     members = [fits[name] for name in alike]
     return Fitted(
-        mean_of([one.model for one in members], weights),
-        [result for one in members for result in one.results],
-        {"method": "mean of several structures", "parameters": sum(one.how["parameters"] for one in members), **facts},
+        mean_of([member.model for member in members], weights),
+        [result for member in members for result in member.results],
+        {
+            "method": "mean of several structures",
+            "parameters": sum(member.how["parameters"] for member in members),
+            **facts,
+        },
         partial(_refit_mean, members, weights),
-        all(one.leave_out_recordings for one in members),
+        all(member.leave_out_recordings for member in members),
     )
 
 

@@ -41,12 +41,7 @@ from ces_observer.structures.experts import MAX_EXPERTS, Expert, Experts
 from ces_observer.structures.lagged_signals import longest_lags
 from ces_observer.structures.mixture import Mixture, WeightedModel
 from ces_observer.tick.experts import (
-    EXPERTS_COUNT,
-    EXPERTS_GAINS,
-    EXPERTS_LAYER,
-    EXPERTS_OUTPUTS,
-    EXPERTS_SCALE,
-    experts_force,
+    EXPERTS_COUNT, EXPERTS_GAINS, EXPERTS_LAYER, EXPERTS_OUTPUTS, EXPERTS_SCALE, experts_force,
 )  # fmt: skip
 from ces_observer.tick.lagged import LAGGED_PHI
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol

@@ -30,19 +30,8 @@ from ces_observer.options import Option
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
 from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.tick.fuzzy import (
-    FUZZY_BELLS,
-    FUZZY_CHOICES,
-    FUZZY_FIRED,
-    FUZZY_FIRINGS,
-    FUZZY_LAYER,
-    FUZZY_MEMBERSHIPS,
-    FUZZY_OUTPUTS,
-    FUZZY_OWNERS,
-    FUZZY_PREMISES,
-    FUZZY_RULES,
-    FUZZY_SCALE,
-    FUZZY_SHAPES,
-    fuzzy_force,
+    FUZZY_BELLS, FUZZY_CHOICES, FUZZY_FIRED, FUZZY_FIRINGS, FUZZY_LAYER, FUZZY_MEMBERSHIPS, FUZZY_OUTPUTS, FUZZY_OWNERS,
+    FUZZY_PREMISES, FUZZY_RULES, FUZZY_SCALE, FUZZY_SHAPES, fuzzy_force,
 )  # fmt: skip
 from ces_observer.tick.lagged import LAGGED_PHI
 from ces_report.typesetting import (

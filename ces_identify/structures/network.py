@@ -29,13 +29,8 @@ from ces_observer.options import Option
 from ces_observer.structures.network import Network, SigmoidUnit
 from ces_observer.tick.lagged import LAGGED_PHI
 from ces_observer.tick.sigmoid import (
-    SIGMOID_LAYER,
-    SIGMOID_OUTPUTS,
-    SIGMOID_SCALE,
-    SIGMOID_UNITS,
-    SIGMOID_WEIGHTS,
-    sigmoid_force,
-)
+    SIGMOID_LAYER, SIGMOID_OUTPUTS, SIGMOID_SCALE, SIGMOID_UNITS, SIGMOID_WEIGHTS, sigmoid_force,
+)  # fmt: skip
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
 FIRST_GAIN = 0.9  # gain of the past forces in a start
