@@ -101,11 +101,10 @@ def _print_results(results: CampaignRows, planned: Mapping[str, int], folder: Pa
     marks = marks_of(results)
     for table in result_tables(results, planned, MAX_ROWS_SHOWN):
         terminal.print_table(terminal.lay_out(table, lambda row: "bold" * (marks.get(row["key"]) == BEST)))
+    each = ", for each delay" if "delay" in results.names.varied else ""
     terminal.print_line(
         f"{FRONT} on the front of selection cost against size, {BEST} recommended: the smallest model on the front "
-        f"within {ChoiceLimits.COST_TOLERANCE:.0%} of the lowest cost"
-        + ", for each delay"
-        * ("delay" in results.names.varied)
+        f"within {ChoiceLimits.COST_TOLERANCE:.0%} of the lowest cost{each}"
     )
     terminal.print_line(SELECTION_NOTE)
     for name, best in results.recommended().items():
