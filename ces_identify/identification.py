@@ -68,6 +68,11 @@ class IdentificationResult:
     evaluations: tuple[Evaluation, ...]
     search_results: tuple[SearchResult, ...]
 
+    @property
+    def starts(self) -> int:
+        """Number of starts that gave a model; a start may have several results."""
+        return len({result.seed for result in self.search_results})
+
     def __repr__(self) -> str:
         return f"{self._describe()}\n{cost_table(self.evaluations)}"
 
@@ -187,7 +192,7 @@ def _identify_at(
         "selection": {
             **fitted.how,
             "starts": options.limits.starts,
-            "starts_with_model": count_starts(fitted.results),
+            "starts_with_model": len({start.seed for start in fitted.results}),
             "first_seed": options.limits.seed,
             "best_seed": fitted.results[0].seed,
             **({"seconds": round(options.limits.time, 3)} if np.isfinite(options.limits.time) else {}),
@@ -224,11 +229,6 @@ def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> 
         )
     facts = {"forgetting": measured.to_mapping()} if measured.pasts else {}
     return replace(model, certificate={**model.certificate, **facts}, settles_s=measured.settles_s)
-
-
-def count_starts(results: Sequence[SearchResult]) -> int:
-    """Return the number of starts among the results; a start may have several."""
-    return len({result.seed for result in results})
 
 
 def _describe_origin(recording: Recording) -> dict[str, str]:
