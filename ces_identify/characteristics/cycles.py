@@ -177,6 +177,23 @@ def _interpolate(values: F, at: F) -> F:
     return np.asarray(np.interp(at.ravel(), np.arange(len(values)), values)).reshape(at.shape)
 
 
+def group_values(values: F, tolerance: float) -> list[I]:
+    """Return the indices of each group of values (n,) that are close together, in rising order.
+
+    Groups are separated by gaps of at least half the `tolerance`; one wider than twice the tolerance is cut into pieces
+    one tolerance wide.
+    """
+    if not len(values):
+        return []
+    order = np.argsort(values, kind="stable")
+    groups: list[I] = []
+    for group in np.split(order, np.flatnonzero(np.diff(values[order]) > 0.5 * tolerance) + 1):
+        above = values[group] - values[group[0]]
+        cuts = np.flatnonzero(np.diff(np.floor(above / tolerance))) + 1
+        groups += np.split(group, cuts) if above[-1] > 2.0 * tolerance else [group]
+    return groups
+
+
 def join_cycles(parts: list[Cycles]) -> Cycles:
     """Return the cycles of all stretches one after the other; `parts` is not empty."""
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ARRAYS}

@@ -19,8 +19,7 @@ from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 from scipy.stats import t as student
 
 from ces_data.arrays import F
-from ces_identify.characteristics.cycle_rows import group_values
-from ces_identify.characteristics.cycles import COMPRESSION, REBOUND
+from ces_identify.characteristics.cycles import COMPRESSION, REBOUND, group_values
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch
 from ces_identify.characteristics.rows import ResponsePoint, StepResponse, ValveResponse
 from ces_identify.limits import StepLimits
