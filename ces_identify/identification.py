@@ -175,8 +175,8 @@ def _identify_at(
     how = fitted.refit, fitted.leave_out_recordings, options.limits.threads
     band = fit_band(fitted.model, identified, *how) if options.band else None
     model = replace(with_forgetting(fitted.model, identified, options.forget), band=band)
-    rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
-    held_out = [series for series in rest if series.scored.sum() >= TickLimits.MIN_SCORED]
+    later = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
+    held_out = [series for series in later if series.scored.sum() >= TickLimits.MIN_SCORED]
     held_out += [prepare(recording, sampling) for recording in validation]
     evaluations = evaluate(model, everything, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
@@ -325,8 +325,8 @@ def _cut_into_folds(recording: Recording, folds: int) -> Iterator[Fold]:
             f"least {FoldLimits.MIN_STRETCH_S:g} s; use fewer folds"
         )
     for a, b in pairwise(edges):
-        rest = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
-        yield Fold(tuple(rest), (cut_recording(recording, a, b),))
+        kept = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
+        yield Fold(tuple(kept), (cut_recording(recording, a, b),))
 
 
 @dataclass(frozen=True)

@@ -69,8 +69,8 @@ def _costs(job: CampaignJob, evaluations: Sequence[Evaluation]) -> list[Row]:
 
     The sets are identification, the rest of those recordings after `split`, and the campaign's validation sets.
     """
-    rest = len(evaluations) - len(job.validation) - len(job.recordings)
-    names = [IDENTIFICATION] * len(job.recordings) + [REST] * rest + [name for name, _ in job.validation]
+    unseen = len(evaluations) - len(job.validation) - len(job.recordings)
+    names = [IDENTIFICATION] * len(job.recordings) + [REST] * unseen + [name for name, _ in job.validation]
     return [
         {"set": name, "recording": e.name, "role": e.role, "J": _finite(e.cost), "rms_N": _finite(e.rms_N)}
         for name, e in zip(names, evaluations, strict=True)

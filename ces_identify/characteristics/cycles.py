@@ -106,8 +106,8 @@ def find_reversals(stretch: Stretch, noise_m: float) -> tuple[I, I]:
     kinds = np.concatenate([np.ones(len(tops), np.int64), -np.ones(len(bottoms), np.int64)])
     order = np.argsort(turns, kind="stable")
     turns, kinds = _alternate(x, turns[order], kinds[order])
-    first = int(np.argmax(kinds < 0)) if (kinds < 0).any() else len(kinds)
-    turns = turns[first:]
+    begin = int(np.argmax(kinds < 0)) if (kinds < 0).any() else len(kinds)
+    turns = turns[begin:]
     count = max((len(turns) - 1) // 2, 0)
     return turns[: 2 * count + 1 : 2], turns[1 : 2 * count : 2]
 

@@ -55,8 +55,8 @@ def work_table(results: Characteristics) -> Table[CycleWork]:
     ]
     if alone:
         columns.insert(-1, replace(_spread("zero-speed\nwidth N", "zero_width", "N", short=""), **IN_TERMINAL))
-    rest = ", equivalent damping, hysteresis at zero speed, rebound over compression" if alone else ""
-    return Table(columns, _select_measured(results.work), f"work per cycle{rest}")
+    others = ", equivalent damping, hysteresis at zero speed, rebound over compression" if alone else ""
+    return Table(columns, _select_measured(results.work), f"work per cycle{others}")
 
 
 def zero_speed_table(results: Characteristics) -> Table[CycleWork]:

@@ -110,8 +110,8 @@ class Comparison:
         """Recordings that charts show: as many as MAX_LINES allow, at least one, tests first, in their order."""
         count = max(1, MAX_LINES // (2 + 4 * len(self.drawn)))
         numbers = range(len(self.recordings))
-        first = sorted(numbers, key=lambda n: self.recordings[n].name not in self.test_names)
-        return tuple(sorted(first[:count]))
+        tests_first = sorted(numbers, key=lambda n: self.recordings[n].name not in self.test_names)
+        return tuple(sorted(tests_first[:count]))
 
     @property
     def by_cost(self) -> list[int]:

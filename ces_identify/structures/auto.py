@@ -46,9 +46,9 @@ class BestStructure:
         work = {name: KITS[name].auto_work or 1.0 for name in self.names or usual}
         whole = [name for name in work if work[name] >= 1.0]
         run.fit_side_by_side(whole, len(whole) / len(work))
-        rest = [name for name in work if name not in whole]
-        for k, name in enumerate(rest):
-            run.fit(name, work[name], 1.0 / (len(rest) - k))
+        shorter = [name for name in work if name not in whole]
+        for k, name in enumerate(shorter):
+            run.fit(name, work[name], 1.0 / (len(shorter) - k))
         for name in [name for name in run.alike() if 0.0 < KITS[name].auto_work < 1.0]:
             run.fit(name, 1.0, 1.0)
         if not run.found:

@@ -168,13 +168,13 @@ class _Courses:
     def same_inputs(self) -> list[tuple[str, Course]]:
         """Return what follows all pasts, by kind."""
         middle, half = 0.5 * (self.low + self.high), self.currents[len(self.currents) // 2]
-        rest = [(middle, current) for current in self.currents] + [(at, half) for at in (self.low, self.high)]
+        rests = [(middle, current) for current in self.currents] + [(at, half) for at in (self.low, self.high)]
         crossing = (self.high - self.low) * self.rate / self.same
-        courses = [("rest", self.hold(at, current, self.same)) for at, current in rest]
+        courses = [("rest", self.hold(at, current, self.same)) for at, current in rests]
         courses += [("constant speed", self.triangle(s * crossing, half, self.same)) for s in (1.0, -1.0)]
         courses.append(("slow triangles", self.triangle(SLOW * self.fastest, half, self.same)))
-        pieces = [self.piece(self.same, one) for one in self.series]
-        return courses + [("recordings", one) for one in pieces if one is not None]
+        pieces = [self.piece(self.same, recorded) for recorded in self.series]
+        return courses + [("recordings", piece) for piece in pieces if piece is not None]
 
     def hold(self, position: float, current: float, ticks: int) -> Course:
         """Return rest at a position and a current."""

@@ -103,15 +103,15 @@ class LaggedShape(ABC):
 
     def _choose_lags(self, data: Training, rate_Hz: float, options: IdentifyOptions) -> Self:
         def cost(lags: Lags | LagCounts, stroke: bool, work: float, size: int) -> float:
-            first, *larger = self.with_inputs(lags, stroke).family(data, rate_Hz).ladder()
-            family = [first, *(rung for rung in larger if rung.size <= size)][-1]
+            smallest, *larger = self.with_inputs(lags, stroke).family(data, rate_Hz).ladder()
+            family = [smallest, *(rung for rung in larger if rung.size <= size)][-1]
             limits = replace(options.limits, starts=1, threads=1, target=0.0, work=work)
             results = train(family, limits, options.certificate)
             if any(result.ended == INTERRUPTED for result in results):
                 raise KeyboardInterrupt
             return results[0].cost if results else inf
 
-        lags = LAG_SETS[int(np.argmin([cost(one, False, LAG_WORK, LAG_SIZE) for one in LAG_SETS]))]
+        lags = LAG_SETS[int(np.argmin([cost(lag_set, False, LAG_WORK, LAG_SIZE) for lag_set in LAG_SETS]))]
         plain, deeper = (cost(lags, stroke, STROKE_WORK, STROKE_SIZE) for stroke in (False, True))
         counts = "position" in data.changing_inputs() and deeper < ChoiceLimits.STROKE_GAIN * plain
         return self.with_inputs(lags, counts)
@@ -191,9 +191,9 @@ class _Start:
         if not self.certificate:
             return self._descend_under(np.inf, 0.0, PATIENCE, params)[1] or NO_STEP
         params, ended = self._descend_under(np.inf, 0.0, FREE_PATIENCE, params)
-        first = np.clip(self.family.gains(params)[0].max() / self.max_gain, 1.0, FIRST_LIMIT)
+        excess = np.clip(self.family.gains(params)[0].max() / self.max_gain, 1.0, FIRST_LIMIT)
         stages = [
-            (self.max_gain * first ** (1.0 - k / STAGES), STAGE_PENALTY, STAGE_PATIENCE) for k in range(1, STAGES)
+            (self.max_gain * excess ** (1.0 - k / STAGES), STAGE_PENALTY, STAGE_PATIENCE) for k in range(1, STAGES)
         ]
         for limit, penalty, patience in (*stages, *((self.max_gain, strength, PATIENCE) for strength in PENALTIES)):
             if ended not in ("", NO_MORE_GAIN) or (penalty > PENALTIES[0] and self._is_allowed(params)):

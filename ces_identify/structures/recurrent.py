@@ -70,9 +70,9 @@ class Windows:
         ticks = min(max(MIN_WINDOW, round(WINDOW_S * rate_Hz)), MAX_WINDOW, int(np.diff(training.segments).max()))
         unscored = round(UNSCORED * ticks)
         counted = np.concatenate([[0], np.cumsum(weights > 0.0)])
-        first = np.concatenate([np.arange(a, max(a, b - ticks + 1)) for a, b in training.segments])
-        share = (counted[first + ticks] - counted[first + unscored]) / (ticks - unscored)
-        starts = first[share >= min(0.5, float(share.max()))]
+        begins = np.concatenate([np.arange(a, max(a, b - ticks + 1)) for a, b in training.segments])
+        share = (counted[begins + ticks] - counted[begins + unscored]) / (ticks - unscored)
+        starts = begins[share >= min(0.5, float(share.max()))]
         lanes = max(MIN_LANES, STEP_TICKS // ticks)
         return cls(starts, ticks, unscored, lanes, weights / weights[weights > 0.0].mean())
 

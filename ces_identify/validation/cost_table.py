@@ -135,8 +135,8 @@ def compare_with_teacher(
 def _find_measured_force(series: Series, measured: Sequence[Series]) -> F:
     """Return the measured force [N] on the ticks of `series` from the series that it is a part of, else NaN."""
     for whole in measured:
-        first = int(np.searchsorted(whole.time_s, series.time_s[0]))
-        part = slice(first, first + len(series))
+        begin = int(np.searchsorted(whole.time_s, series.time_s[0]))
+        part = slice(begin, begin + len(series))
         if whole.name == series.name and np.array_equal(whole.position[part], series.position):
             return whole.force[part]
     return np.full(len(series), np.nan)

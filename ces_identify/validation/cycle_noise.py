@@ -135,8 +135,8 @@ def _refine_period(rho: F, period: float) -> float:
 
 def _find_peak(rho: F, near: int) -> float:
     """Return the position of the peak within two ticks of `near`, by a parabola."""
-    first = max(near - 2, 1)
-    top = min(first + int(np.argmax(rho[first : near + 3])), len(rho) - 2)
+    begin = max(near - 2, 1)
+    top = min(begin + int(np.argmax(rho[begin : near + 3])), len(rho) - 2)
     curvature = rho[top - 1] - 2.0 * rho[top] + rho[top + 1]
     return top + (float(0.5 * (rho[top - 1] - rho[top + 1]) / curvature) if curvature < 0.0 else 0.0)
 

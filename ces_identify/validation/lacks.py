@@ -146,9 +146,9 @@ def dependences(evaluations: Sequence[Evaluation]) -> list[Dependence]:
     if sum(int(e.series.scored.sum()) for e in evaluations) < LackLimits.MIN_TICKS:
         return []
     ticks, cost, listed = _collect(evaluations), pooled_cost(evaluations), list[Dependence]()
-    rest = ticks.error
-    while len(listed) < LackLimits.MAX_DEPENDENCES and rest.any():
-        predicted, shares = _explain(rest, ticks)
+    unexplained = ticks.error
+    while len(listed) < LackLimits.MAX_DEPENDENCES and unexplained.any():
+        predicted, shares = _explain(unexplained, ticks)
         order = sorted(shares, key=lambda name: -shares[name][0])
         share = float(shares[order[0]][0]) if order else 0.0
         gain = cost * (1.0 - np.sqrt(max(0.0, 1.0 - share)))
@@ -157,7 +157,7 @@ def dependences(evaluations: Sequence[Evaluation]) -> list[Dependence]:
             break
         first, names = order[0], tuple(name for name in order if shares[name][0] >= LackLimits.AS_GOOD * share)
         listed.append(Dependence(names, share, gain, _regions(ticks, ticks.quantities[first])))
-        rest = rest - predicted[first]
+        unexplained = unexplained - predicted[first]
     return listed
 
 
@@ -165,11 +165,11 @@ def _collect(evaluations: Sequence[Evaluation]) -> _Ticks:
     """Return at most MAX_TICKS scored ticks of all recordings, evenly spaced, with their blocks."""
     step = -(-sum(int(e.series.scored.sum()) for e in evaluations) // LackLimits.MAX_TICKS)
     length_s = min(LackLimits.BLOCK_S, sum(e.scored_s for e in evaluations) / LackLimits.MIN_BLOCKS)
-    rows, blocks, folds, first = [], [], [], 0
+    rows, blocks, folds, block = [], [], [], 0
     for e in evaluations:
         at, series = np.flatnonzero(e.series.scored)[::step], e.series
-        halves = ((series.time_s[at] - series.time_s[at[0]]) / (0.5 * length_s)).astype(np.int64) + 2 * first
-        first = int(halves[-1]) // 2 + 1
+        halves = ((series.time_s[at] - series.time_s[at[0]]) / (0.5 * length_s)).astype(np.int64) + 2 * block
+        block = int(halves[-1]) // 2 + 1
         blocks.append(halves // 2)
         folds.append(halves % FOLDS)
         rows.append(np.stack([series.force - e.run.force, e.run.force, *_quantities(e)])[:, at])
