@@ -96,8 +96,8 @@ def _fit_to_data(definition: ConstructedInput, series: Sequence[Series], open_la
         data = _scored_values(lag.of, None, series) if lag else _scored_values(definition.of, base, series)
         if not data.min() <= definition.peak <= data.max():
             raise CesError(
-                f"{definition.name}: peaks at {definition.of} {definition.peak:g}, outside the data's {data.min():g} to "
-                f"{data.max():g}; expected peaks between"
+                f"{definition.name}: peaks at {definition.of} {definition.peak:g}, outside the data's {data.min():g} "
+                f"to {data.max():g}; expected peaks between"
             )
         return replace(definition, base=base)
     if isinstance(definition, Frequency):
