@@ -22,11 +22,10 @@ from ces_data.arrays import F
 from ces_identify.characteristics.cycles import COMPRESSION, REBOUND, group_values
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch
 from ces_identify.characteristics.rows import ResponsePoint, StepResponse, ValveResponse
-from ces_identify.limits import StepLimits
+from ces_identify.limits import ErrorLimits, StepLimits
 
 TRACE_S = np.round(np.arange(-0.020, 0.1001, 0.0005), 4)  # [s] from the step, where the mean response is shown
 NOT_SEEN = "no force from this source around the step"
-LEVEL = 0.95
 SINCE_STEP = ("time_63_s", "dead_time_s")
 TIMES = (*SINCE_STEP, "time_constant_s", "rise_s")
 
@@ -216,7 +215,7 @@ def _half_interval(group: Sequence[ReadStep], name: str, doubt_s: float) -> floa
     if len(group) < StepLimits.MIN_STEPS:
         return np.nan
     values = np.array([getattr(step.row, name) for step in group])
-    reach = student.ppf(0.5 + LEVEL / 2, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
+    reach = student.ppf(0.5 + ErrorLimits.LEVEL / 2, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
     return float(reach + doubt_s)
 
 

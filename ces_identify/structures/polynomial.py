@@ -13,6 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, I
+from ces_identify.limits import TickLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.search import THESIS, Listener, SearchResult, clock_s
 from ces_identify.polynomial.candidates import load_rules
@@ -93,7 +94,7 @@ def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Probl
     built_in = rules == load_rules(None)
     stable = options.certificate and options.limits.method != THESIS
     current = np.concatenate([series.current for series in training])
-    if np.ptp(current) <= 1e-3 * max(1e-9, float(np.abs(current).max())):
+    if np.ptp(current) <= TickLimits.MIN_CHANGE * max(1e-9, float(np.abs(current).max())):
         rules = rules.without_signal("current")
     rules = restrict_to_data(rules.at_rate(training[0].rate_Hz), training)
     rules = find_time_constants(rules, training, options.limits.within(end), stable, options.weight)
