@@ -46,7 +46,6 @@ from ces_identify.identification import (
     THINNED,
     CrossValidation,
     IdentificationResult,
-    count_starts,
     cross_validate,
     identify,
     split_folds,
@@ -248,7 +247,7 @@ def describe_starts(result: IdentificationResult, options: argparse.Namespace) -
     if "kind_reason" in selection:
         return str(selection["kind_reason"])
     seed = result.search_results[0].seed
-    count = count_starts(result.search_results)
+    count = result.starts
     return f"best: start {seed - options.seed + 1} of {options.starts} (seed {seed}); {count} led to a model"
 
 
@@ -330,7 +329,7 @@ def _as_json(
         "weights": str(weighting) if weighting else None,
         "recordings": cost_rows(result.evaluations, weighting),
         "all_held_out": held_out_row(result.evaluations),
-        "search": {"starts": count_starts(result.search_results), "best_seed": best.seed, "stopped": best.ended},
+        "search": {"starts": result.starts, "best_seed": best.seed, "stopped": best.ended},
         "structures": model.provenance["selection"].get("structures", {}),
         "folds": None if folds is None else fold_rows(folds),
         "teacher": teacher,
