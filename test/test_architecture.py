@@ -42,9 +42,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference calibrate "
         "experiment regions diagnosis report pipeline api fleet"
     ),
-    "ces_cli": (
-        "terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema versions main"
-    ),
+    "ces_cli": ("terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema main"),
 }
 ROS = {
     "rclpy",
@@ -67,14 +65,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 138,
-    "ces_data": 86.3,
+    "ces_data": 86.1,
     "ces_report": 11.5,
     "ces_identify": 168.9,
     "ces_rig": 77.2,
-    "ces_gap": 125.6,
+    "ces_gap": 126.5,
     "ces_cli": 68.7,
     "bench": 79.8,
-    "test": 476.5,
+    "test": 477,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -19,6 +19,7 @@ from ces_observer.structures.hydraulic import Hydraulic
 
 BEYOND = 4.0  # times the largest flow, by which changed curves reach beyond their nodes
 MIN_GAP = 1e-6  # between flows of a changed curve, relative to the largest
+ROUNDS = 4  # of an iteration: eight give the same parameters within a tenth of their errors
 MIN_RISE = 1e-9  # between its drops, relative to the largest
 
 
@@ -40,6 +41,24 @@ class TwinRun:
     def with_body(self, **numbers: object) -> TwinRun:
         """Return the run with other numbers of the network."""
         return replace(self, body=replace(self.body, **numbers))  # type: ignore[arg-type]
+
+    def behind_spring(self, deflect: Callable[[F], F], softest_m_N: float) -> TwinRun:
+        """Return the run behind a spring that the force (m,) of oil and friction `deflect`s by (m,) [m].
+
+        The mount, whose equations a step solves, is as soft as the spring is anywhere; where this is stiffer, the
+        motion is moved back by the difference, which follows from the force by iteration (Picard): a contraction.
+        """
+        side = replace(self.body.side, gas_N=tuple(0.0 for _ in self.body.side.gas_N), viscous_Ns_m=0.0, mass_kg=0.0)
+        inner = self.with_body(mount_m_N=self.body.mount_m_N + softest_m_N)
+        back = np.zeros_like(self.position)
+        for _ in range(ROUNDS):
+            force = inner.moved(back).with_body(side=side).force()
+            back = softest_m_N * force - deflect(force)
+        return inner.moved(back)
+
+    def moved(self, by_m: F) -> TwinRun:
+        """Return the run with its position moved by (m,) [m]."""
+        return replace(self, position=self.position + by_m, speed=self.speed + np.gradient(by_m, self.step_s))
 
     def with_flow(self, edge: str, change: Callable[[F, F], F], drops: Sequence[float] = ()) -> TwinRun:
         """Return the run with the flow [m/s] through an edge replaced by `change`(flow, drop), which must rise.

@@ -63,10 +63,10 @@ def make_compared_model(name: str, simulation: Simulation, source: str = "") -> 
     inside = simulation.innermost
     provenances = [getattr(simulation, "provenance", {})] if inside is not simulation else []
     provenances += [inside.model.provenance] if isinstance(inside, ModelSimulation) else [{}]
-    listed = [{"identification": one.get(role)} for one in provenances for role in FITTED_ROLES]
-    rows = tuple(row for one in listed for row in identification_rows(one))
-    known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
-    return ComparedModel(name, simulation, source, rows, known)
+    listed = [{"identification": provenance.get(role)} for provenance in provenances for role in FITTED_ROLES]
+    rows = tuple(row for entry in listed for row in identification_rows(entry))
+    is_known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
+    return ComparedModel(name, simulation, source, rows, is_known)
 
 
 def name_sources(sources: Sequence[str]) -> list[str]:

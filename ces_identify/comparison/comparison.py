@@ -110,8 +110,8 @@ class Comparison:
         """Recordings that charts show: as many as MAX_LINES allow, at least one, tests first, in their order."""
         count = max(1, MAX_LINES // (2 + 4 * len(self.drawn)))
         numbers = range(len(self.recordings))
-        first = sorted(numbers, key=lambda n: self.recordings[n].name not in self.test_names)
-        return tuple(sorted(first[:count]))
+        tests_first = sorted(numbers, key=lambda n: self.recordings[n].name not in self.test_names)
+        return tuple(sorted(tests_first[:count]))
 
     @property
     def by_cost(self) -> list[int]:
@@ -145,7 +145,7 @@ class Comparison:
     def notes_on_charts(self) -> list[str]:
         """Return which models and recordings the charts leave out."""
         models = [model.name for i, model in enumerate(self.models) if i not in self.drawn]
-        recordings = [one.name for n, one in enumerate(self.recordings) if n not in self.drawn_recordings]
+        recordings = [recording.name for n, recording in enumerate(self.recordings) if n not in self.drawn_recordings]
         notes = []
         if models:
             notes.append(
@@ -307,9 +307,10 @@ def p_text(p_value: float | None) -> str:
     return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
-def describe_interval(one: Difference, missing: str = NONE) -> str:
+def describe_interval(difference: Difference, missing: str = NONE) -> str:
     """Return the interval of a difference as text, `missing` without one."""
-    return missing if one.low is None or one.high is None else f"{format_signed(one.low)} to {format_signed(one.high)}"
+    low, high = difference.low, difference.high
+    return missing if low is None or high is None else f"{format_signed(low)} to {format_signed(high)}"
 
 
 def cost_table(comparison: Comparison) -> Table[int]:
@@ -317,10 +318,12 @@ def cost_table(comparison: Comparison) -> Table[int]:
     models, best, tests = comparison.models, comparison.best, comparison.test_names
 
     def above(i: int) -> str:
-        one = comparison.above_lowest(i)
-        if one is None:
+        difference = comparison.above_lowest(i)
+        if difference is None:
             return LOWEST if i == best else NONE
-        return SHORT if one.low is None else f"{format_signed(one.value)} ({describe_interval(one)})"
+        if difference.low is None:
+            return SHORT
+        return f"{format_signed(difference.value)} ({describe_interval(difference)})"
 
     columns: list[Column[int]] = [
         Column("Model", lambda i: models[i].name, short="model"),

@@ -96,16 +96,16 @@ def find_differences(recordings: Sequence[AlignedRecording], pairs: Sequence[Pai
     """Return the difference of pooled J, with its error, for each pair of models; none of them may have diverged."""
     costs, seconds = pooled_costs(recordings), sum(r.seconds for r in recordings)
     influences = [influence_of_bins(r, costs, sum(map(_spread, recordings))) for r in recordings]
-    enough = all(one.shape[1] >= ErrorLimits.MIN_BINS for one in influences)
-    found = []
+    enough = all(influence.shape[1] >= ErrorLimits.MIN_BINS for influence in influences)
+    differences = []
     for first, second in pairs:
         sums = (
             estimate_sum_error(x[first] - x[second], r.seconds) for x, r in zip(influences, recordings, strict=True)
         )
         error = add_errors(list(sums)) if enough else None
         rounding = ErrorLimits.ROUNDING * float(max(costs[first], costs[second]))
-        found.append(DifferenceErrors(float(costs[first] - costs[second]), error, seconds, rounding))
-    return found
+        differences.append(DifferenceErrors(float(costs[first] - costs[second]), error, seconds, rounding))
+    return differences
 
 
 def _spread(recording: AlignedRecording) -> float:
@@ -178,7 +178,7 @@ def compare_pairs(
     tests = {pair: common or _find_tests(uses, pair) for pair in pairs}
     used = {pair: [recordings[i] for i in tests[pair] or range(len(recordings))] for pair in pairs}
     errors = _find_errors(used)
-    tested = [pair for pair, one in errors.items() if tests[pair] and one.error is not None]
+    tested = [pair for pair, difference in errors.items() if tests[pair] and difference.error is not None]
     p_values = [errors[pair].p_value() for pair in tested]
     levels = dict(zip(tested, step_levels(p_values, alpha), strict=True))
     adjusted = dict(zip(tested, adjusted_p_values(p_values), strict=True))
@@ -211,9 +211,9 @@ def _find_errors(used: dict[Pair, list[AlignedRecording]]) -> dict[Pair, Differe
         if not any(r.diverged[model] for r in recordings for model in pair):
             groups.setdefault(tuple(map(id, recordings)), []).append(pair)
     return {
-        pair: one
+        pair: difference
         for pairs in groups.values()
-        for pair, one in zip(pairs, find_differences(used[pairs[0]], pairs), strict=True)
+        for pair, difference in zip(pairs, find_differences(used[pairs[0]], pairs), strict=True)
     }
 
 

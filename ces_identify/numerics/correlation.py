@@ -47,8 +47,8 @@ def find_runs(mask: Mask, segments: I) -> I:
     starts = np.zeros(len(mask), bool)
     starts[segments[:, 0]] = True
     starts[1:] |= ~mask[:-1]
-    first = np.flatnonzero(starts[mask])
-    return np.stack([first, np.append(first[1:], int(mask.sum()))], axis=1).astype(np.int64)
+    begins = np.flatnonzero(starts[mask])
+    return np.stack([begins, np.append(begins[1:], int(mask.sum()))], axis=1).astype(np.int64)
 
 
 def covariance(x: F, y: F, runs: I, max_lag: int) -> tuple[F, F]:
@@ -60,8 +60,8 @@ def covariance(x: F, y: F, runs: I, max_lag: int) -> tuple[F, F]:
     for start, stop in runs:
         n = int(stop - start)
         size = 1 << (n + max_lag).bit_length()
-        first = np.fft.rfft(x[start:stop], size)
-        spectrum = np.conj(first) * (first if y is x else np.fft.rfft(y[start:stop], size))
+        spectrum_x = np.fft.rfft(x[start:stop], size)
+        spectrum = np.conj(spectrum_x) * (spectrum_x if y is x else np.fft.rfft(y[start:stop], size))
         lags = min(max_lag, n - 1) + 1
         sums[:lags] += np.fft.irfft(spectrum, size)[:lags]
         pairs += np.maximum(n - np.arange(max_lag + 1), 0)
@@ -166,8 +166,8 @@ def relative_variances(share: float, count: int) -> F:
 def _is_slower(scaled: F) -> bool:
     """Return whether the slowest projections are larger than the assumed bound makes plausible."""
     slow = int(np.clip(len(scaled) // 3, 2, 3))
-    rest = float(scaled[slow:].mean())
-    return float(scaled[:slow].mean()) > rest * float(fdtri(slow, len(scaled) - slow, ErrorLimits.ALARM))
+    faster = float(scaled[slow:].mean())
+    return float(scaled[:slow].mean()) > faster * float(fdtri(slow, len(scaled) - slow, ErrorLimits.ALARM))
 
 
 def _add(parts: Sequence[tuple[float, float]]) -> tuple[float, float]:

@@ -73,13 +73,11 @@ def coulomb_stribeck(coulomb: float, rounding: float, excess: float, stribeck: f
     return force
 
 
-def lugre(
-    coulomb: float, presliding: float, excess: float = 0.0, viscous: float = 0.0, pressed: float = 0.0
-) -> Planted:
+def lugre(coulomb: float, presliding: float, excess: float = 0.0, viscous: float = 0.0) -> Planted:
     """The differential equation itself, by Euler's method on the fine grid: sigma0 = coulomb / presliding."""
 
     def force(m: Motion) -> F:
-        level = 1.0 + excess * np.exp(-((m.speed / 0.02) ** 2)) + pressed * np.abs(m.force)
+        level = 1.0 + excess * np.exp(-((m.speed / 0.02) ** 2))
         bend = np.zeros_like(m.time)  # [m]
         for k in range(1, len(bend)):
             v, limit = m.speed[k], presliding * level[k]
