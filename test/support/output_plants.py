@@ -91,22 +91,6 @@ def mass(kilograms: float) -> Planted:
     return lambda m: m.force + kilograms * m.acceleration
 
 
-def mass_on_cell(kilograms: float, stiffness: float) -> Planted:
-    """A mass on a spring with a damping ratio of 0.05, by central differences (symplectic Euler)."""
-
-    def force(m: Motion) -> F:
-        pushing = m.force + kilograms * m.acceleration
-        square = stiffness / kilograms
-        cell, rate = np.empty_like(pushing), 0.0
-        cell[0] = pushing[0]
-        for k in range(1, len(cell)):
-            rate += m.step * (square * (pushing[k - 1] - cell[k - 1]) - 0.1 * np.sqrt(square) * rate)
-            cell[k] = cell[k - 1] + m.step * rate
-        return cell
-
-    return force
-
-
 def gas(pressure: float, area: float, volume: float, tare: float = 0.0) -> Planted:
     """p V^1.3 constant, the cell tared at `tare` [m]; pressure [Pa] and volume [m3] are those there."""
 

@@ -32,7 +32,6 @@ CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] =
     (("friction", "presliding"), plants.lugre(40.0, 1e-4), (40.0, 1e-4), (0.02, 0.1)),
     (("friction", "lugre"), plants.lugre(40.0, 3e-4, 0.6, 0.5), (40.0, 3e-4, 0.6, 0.5), (0.04, 0.15, 0.25, 0.1)),
     (("inertia", "mass"), plants.mass(1.5), (1.5,), (0.03,)),
-    (("inertia", "mass_on_cell"), plants.mass_on_cell(4.0, 4e5), (4.0, 4e5), (0.03, 0.03)),
     (("gas_spring", "linear"), lambda m: m.force + 1500.0 * m.position, (1500.0,), (0.02,)),
     (("gas_spring", "polytropic"), plants.gas(PRESSURE, AREA, VOLUME), (GAS_STIFFNESS, GAS_COLUMN), (0.02, 0.05)),
     (
