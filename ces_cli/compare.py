@@ -15,8 +15,8 @@ from ces_cli.terminal.outputs import name_report, print_document, require_output
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.comparison import comparison_report
-from ces_identify.comparison.compared_models import ComparedModel, make_compared_model, name_sources
-from ces_identify.comparison.comparison import Comparison, compare, cost_table, headline
+from ces_identify.comparison.compared_models import ComparedModel, make_compared_model
+from ces_identify.comparison.comparison import Comparison, compare, cost_table, headline, name_sources
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_identify.validation.cost_table import NONE

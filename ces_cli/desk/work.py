@@ -35,8 +35,8 @@ from ces_data.findings import Finding, require_usable
 from ces_data.recording import Recording
 from ces_data.samples import channel_stats
 from ces_data.signals_file import load_signals
-from ces_identify.comparison.compared_models import make_compared_model, name_sources
-from ces_identify.comparison.comparison import compare
+from ces_identify.comparison.compared_models import make_compared_model
+from ces_identify.comparison.comparison import compare, name_sources
 from ces_identify.comparison.comparison_report import comparison_page
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_observer.errors import CesError

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
@@ -12,20 +13,18 @@ from markupsafe import Markup
 from ces_data.checks.content import require_once
 from ces_data.recording import Recording
 from ces_identify.comparison.compared_models import (
-    TRAINED,
-    UNKNOWN,
-    AlignedRecording,
-    ComparedModel,
-    align,
-)
-from ces_identify.comparison.pair_results import (
     BETTER,
     DIVERGED,
     NO_TEST,
     SAME,
     SHORT,
+    TRAINED,
+    UNKNOWN,
+    AlignedRecording,
+    ComparedModel,
     Difference,
     PairResult,
+    align,
     compare_pairs,
     pooled_costs,
 )
@@ -189,6 +188,22 @@ def compare(
     uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
     results, pairs = score_models(models, aligned, uses), compare_pairs(names, aligned, uses)
     return Comparison(tuple(results), tuple(aligned), tuple(pairs), part)
+
+
+def name_sources(sources: Sequence[str]) -> list[str]:
+    """Return a name for each path or specification: the file's stem, with its folders where stems are equal."""
+
+    def end_of(source: str, depth: int) -> str:
+        path = Path(source)
+        last = path.stem if path.suffix in (".json", ".yaml", ".yml") else path.name
+        return "/".join([*path.parts[-depth:-1], last])
+
+    names = []
+    for source in sources:
+        others = [other for other in sources if other != source]
+        depths = (n for n in range(1, 6) if all(end_of(source, n) != end_of(other, n) for other in others))
+        names.append(end_of(source, next(depths, 5)))
+    return names
 
 
 def score_models(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.comparison.compared_models import TRAINED, AlignedRecording
+from ces_identify.comparison.compared_models import TRAINED, AlignedRecording, Difference, PairResult
 from ces_identify.comparison.comparison import (
     Comparison,
     ModelResult,
@@ -24,7 +24,6 @@ from ces_identify.comparison.comparison import (
     headline,
     p_text,
 )
-from ces_identify.comparison.pair_results import Difference, PairResult
 from ces_identify.limits import ComparisonLimits
 from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, find_working_windows

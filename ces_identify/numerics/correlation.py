@@ -1,4 +1,4 @@
-"""Correlated sequences: their autocorrelation across gaps, and the standard error of their sum.
+"""Correlated sequences: their autocorrelation across gaps, the standard error of their sum; p-values of several tests.
 
 No product is taken across a gap. Sequences are arrays (n,) of concatenated runs; `runs` (r, 2) are the [start, stop) of
 each.
@@ -14,6 +14,8 @@ degrees of freedom. For anything faster, the error is too large, never too small
 SLOWEST_S by little.
 
 Where the slowest projections stand out even so (F test at ALARM), a bound of ALARM_SHARE of the recording counts.
+
+Several tests have Holm's correction (Scandinavian Journal of Statistics 6, 1979).
 """
 
 from __future__ import annotations
@@ -181,3 +183,27 @@ def _p_value(value: float, variance: float, freedom: float) -> float:
     if variance <= 0.0:
         return 1.0 if value == 0.0 else 0.0
     return float(2.0 * stdtr(freedom, -abs(value) / np.sqrt(variance)))
+
+
+def adjusted_p_values(p_values: Sequence[float]) -> list[float]:
+    """Return Holm's adjusted p-values, in the same order: a test is significant at a level if its value is below it."""
+    adjusted, largest = [0.0] * len(p_values), 0.0
+    for rank, i in enumerate(np.argsort(p_values, kind="stable")):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[i]))
+        adjusted[int(i)] = largest
+    return adjusted
+
+
+def step_levels(p_values: Sequence[float], alpha: float) -> list[float]:
+    """Return for each test the significance level of Holm's step that decided it.
+
+    An interval of 1 - that level excludes zero exactly if Holm's procedure at `alpha` calls the test significant: after
+    the first test that is not, all further ones share its level.
+    """
+    levels, level, going = [alpha] * len(p_values), alpha, True
+    for rank, i in enumerate(np.argsort(p_values, kind="stable")):
+        if going:
+            level = alpha / (len(p_values) - rank)
+            going = p_values[i] < level
+        levels[int(i)] = level
+    return levels
