@@ -69,7 +69,7 @@ MAX_PACKAGE = {
     "ces_report": 11.5,
     "ces_identify": 168.9,
     "ces_rig": 77.2,
-    "ces_gap": 126.5,
+    "ces_gap": 127.2,
     "ces_cli": 68.7,
     "bench": 79.8,
     "test": 477,
