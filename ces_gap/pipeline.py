@@ -17,8 +17,7 @@ from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.baseline.twin import Twin
 from ces_gap.calibrate.calibration import FittedParameter, FreedParameters, free_parameters
 from ces_gap.calibrate.changed import changed_parameters
-from ces_gap.calibrate.choice import VISIBLE
-from ces_gap.calibrate.fitting import unexplained_N
+from ces_gap.calibrate.fitting import VISIBLE, unexplained_N
 from ces_gap.calibrate.free import NONE
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, Estimate, Explanation
 from ces_gap.effects.effect import Effect, Setting
