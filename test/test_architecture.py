@@ -74,7 +74,7 @@ MAX_PACKAGE = {
     "ces_observer": 138,
     "ces_data": 86.3,
     "ces_report": 11.6,
-    "ces_identify": 167.5,
+    "ces_identify": 167.4,
     "ces_rig": 57.4,
     "ces_gap": 123.5,
     "ces_iterate": 20.4,
