@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bags, find_file, open_simulation, print_findings, with_predictions
 from ces_cli.terminal.options import JSON, OVERWRITE, PART, REPORT, SIGNALS, Argument
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs
-from ces_cli.terminal.recordings import find_bags, print_findings
-from ces_cli.terminal.simulations import find_file, open_simulation, with_predictions
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.comparison import comparison_report
@@ -47,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise CesError(f"no recording given; {USAGE}")
     signals = terminal.load_described_signals(options)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(bags)}
-    found = print_findings(list(recordings.values()))
+    findings = print_findings(list(recordings.values()))
     models = [read_predictions(model, recordings, signals) for model in models]
     with terminal.err.status("comparing") as status:
         comparison = compare(models, list(recordings.values()), options.part, announce=status.update)
@@ -56,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for note in comparison.notes_on_charts():
             terminal.print_warning(note)
     if options.json:
-        print_document("compare", {**comparison_report.comparison_document(comparison), "findings": found})
+        print_document("compare", {**comparison_report.comparison_document(comparison), "findings": findings})
         return 0
     _print_comparison(comparison)
     if options.report is not None:

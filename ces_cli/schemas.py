@@ -18,8 +18,6 @@ from ces_identify.campaign.plan import COMMON, STRUCTURES, CellLimits, axis_sche
 from ces_identify.options import SPLIT
 from ces_identify.polynomial import candidates
 from ces_identify.schema_files import ABOUT
-from ces_iterate import plan as iterate_plan
-from ces_iterate.rigs.kinds import RIG_SETTINGS
 from ces_observer.fields import Schema, record_schema
 from ces_observer.json_text import write_atomically
 from ces_observer.nodes import parameter_table
@@ -28,14 +26,16 @@ from ces_observer.signals import FIELDS, NAMES, UNITS
 from ces_observer.structures.constructed_inputs import BASE, MAX_WIDTH, MIN_WIDTH, SETTINGS
 from ces_observer.structures.terms import MAX_FACTORS, MAX_TERMS
 from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.kinds import HYDRAULIC, LUMPED
-from ces_rig.drive import currents, strokes
-from ces_rig.drive.sequences import KIND as SEQUENCE
-from ces_rig.drive.sequences import MAX_PARTS, TimedPart
-from ces_rig.drive.servo_actuator import ServoActuator
-from ces_rig.experiment import KEYS, ExperimentSettings
+from ces_rig.dampers.stepper import HYDRAULIC, LUMPED
+from ces_rig.drive import ServoActuator
+from ces_rig.experiments import currents, strokes
+from ces_rig.experiments.sequences import KIND as SEQUENCE
+from ces_rig.experiments.sequences import MAX_PARTS, TimedPart
+from ces_rig.experiments.virtual import KEYS, ExperimentSettings
 from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
 from ces_rig.live.rig import OF_THE_RIG
+from ces_rig.loop import plan as iterate_plan
+from ces_rig.loop.rigs import RIG_SETTINGS
 from ces_rig.sensors import Sensors
 
 TEXT: Schema = {"type": "string"}

@@ -37,7 +37,7 @@ from ces_identify.structures.network import NetworkFit, NetworkShape
 from ces_identify.training import LagCounts, RegressorTable, Training, build_training, delay_values
 from ces_observer.errors import CesError
 from ces_observer.model import Model
-from ces_rig.experiment import Experiment, find_experiment, load_experiment, run, with_seed
+from ces_rig.experiments.virtual import Experiment, find_experiment, load_experiment, run, with_seed
 
 POLYNOMIAL, NETWORK, ANFIS = "polynomial", "sigmoid", "anfis"
 

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import HELP, find_bags, open_simulation, print_findings, with_predictions
 from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
-from ces_cli.terminal.recordings import find_bags, print_findings
-from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
 from ces_data.arrays import F
 from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.page import PAGE, write_characteristics
@@ -32,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     signals = terminal.load_described_signals(options)
     simulations = _open_simulations(options.model)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(options.bags)}
-    found = print_findings(list(recordings.values()))
+    findings = print_findings(list(recordings.values()))
     forces: dict[str, list[F]] = {}
     for name, one in simulations.items():
         with terminal.err.status(f"simulating {name}"):
@@ -43,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         page, *tables = write_characteristics(options.out, results, command=terminal.command_line("characterise", argv))
         terminal.err.print(f"{page} and {len(tables)} CSV files", highlight=False, soft_wrap=True)
     if options.json:
-        print_document("characterise", {**asdict(results), "findings": found})
+        print_document("characterise", {**asdict(results), "findings": findings})
     else:
         _print_results(results)
     return 0

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bag
 from ces_cli.terminal.options import JSON, MODEL, ONE_BAG, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
-from ces_cli.terminal.recordings import find_bag
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.recording import Recording
 from ces_identify.prepare.series import hold_current, hold_motion
@@ -105,7 +105,7 @@ def estimate_forces(model: Model, recording: Recording) -> Replayed:
             rows.append(_row(stamp, estimator.position, estimator.speed, force, estimator.half_width()))
         elif estimator.reason != OK:
             reasons[estimator.reason] += 1
-        rows += [_row(*one) for one in estimator.late]
+        rows += [_row(*late) for late in estimator.late]
     return Replayed(np.array(rows, object).reshape(-1, 6), reasons)
 
 

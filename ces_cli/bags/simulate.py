@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import HELP, find_bag, find_file, open_simulation, with_predictions
 from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
-from ces_cli.terminal.recordings import find_bag
-from ces_cli.terminal.simulations import HELP, find_file, open_simulation, with_predictions
 from ces_identify.simulations.simulate import sample_run
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.validation.evaluate import describe_held
@@ -38,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if run is not None and (text := describe_held(recording.name, *run.held_at(known))):
         terminal.print_warning(text)
     values = zip(((stamps - stamps[0]) * 1e-9).tolist(), force.tolist(), strict=True)
-    write_atomically(options.out, "time_s,force_N\n" + "".join(f"{time:.9f},{one!r}\n" for time, one in values))
+    write_atomically(options.out, "time_s,force_N\n" + "".join(f"{time:.9f},{newtons!r}\n" for time, newtons in values))
     if options.json:
         facts = {"recording": recording.name, "simulation": options.sim, "csv": options.out, "rows": len(force)}
         facts |= {"rows_without_force": int((~known).sum()), "rows_held": run and int(run.held_at(known)[2].sum())}

@@ -12,10 +12,9 @@ from pathlib import Path
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bags, import_from_here, open_simulation, with_predictions
 from ces_cli.terminal.outputs import make_schemas, print_document, without_text
 from ces_cli.terminal.progress import DiagnoseProgress
-from ces_cli.terminal.recordings import find_bags
-from ces_cli.terminal.simulations import import_from_here, open_simulation, with_predictions
 from ces_data.recording import Recording
 from ces_gap.augmented import name_simulation
 from ces_gap.baseline.identified import MODEL, identify_baseline
@@ -146,8 +145,8 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     if (recalibration := calibration_table(diagnosis)) is not None:
         terminal.print_table(terminal.lay_out(recalibration))
     if diagnosis.probe.findings:
-        found = (f"{one.about.lower()} {one.found}" for one in diagnosis.probe.findings)
-        terminal.print_line(f"inputs of the simulation: {'; '.join(found)} (see the report)")
+        probed = (f"{one.about.lower()} {one.found}" for one in diagnosis.probe.findings)
+        terminal.print_line(f"inputs of the simulation: {'; '.join(probed)} (see the report)")
     if diagnosis.verdict != NO_GAP:
         _print_lines(_where_lines("where", diagnosis.where))
     if diagnosis.rest is not None:

@@ -9,10 +9,10 @@ from functools import partial
 from pathlib import Path
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import print_warnings, with_distinct_names
 from ces_cli.terminal.options import ALL, never_with, only_with
 from ces_cli.terminal.outputs import print_document, require_folder, without_text
 from ces_cli.terminal.progress import JobsProgress, report_failures, run_jobs
-from ces_cli.terminal.recordings import print_warnings, with_distinct_names
 from ces_data.checks.check import check_each, require_sound
 from ces_data.signals_file import load_signals
 from ces_identify.campaign.cells import CampaignRows, CellNames, compute_cell, is_proved
@@ -53,10 +53,10 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     signals = load_signals(campaign.signals)
     read = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
     recordings = with_distinct_names(read)
-    found = check_each(list(recordings.values()))
-    require_sound(found, options.ignore_findings)
-    print_warnings(found)
-    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), found, options.ignore_findings)
+    findings = check_each(list(recordings.values()))
+    require_sound(findings, options.ignore_findings)
+    print_warnings(findings)
+    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), findings, options.ignore_findings)
     with open_results(folder / RESULTS, "a campaign") as results:
         missing = [job for job in todo if not results.has(job)]
         finished = True
@@ -91,8 +91,8 @@ def describe_cell(rows: CampaignRows, row: Row) -> str:
 
 def collect_rows(campaign: Campaign, todo: Sequence[CampaignJob], results: ResultsFolder) -> CampaignRows:
     """Return the results of the planned cells so far, by set of bags, size and cost."""
-    found, bags = results.rows, list(campaign.bags)
-    rows = [{**found[job.key], "bags": job.cell.bags, **job.cell.settings} for job in todo if job.key in found]
+    by_key, bags = results.rows, list(campaign.bags)
+    rows = [{**by_key[job.key], "bags": job.cell.bags, **job.cell.settings} for job in todo if job.key in by_key]
     rows.sort(key=lambda r: (bags.index(r["bags"]), r.get("parameters", 1e9), r.get("selection_J") or 1e9))
     return CampaignRows(tuple(rows), len(todo), CellNames.of(campaign))
 

@@ -35,14 +35,16 @@ MAX_TICKS = 400_000  # of all steps of one run: longer recordings get longer ste
 
 @dataclass(frozen=True)
 class Twin(TraceSimulator):
-    """A network `body`, whose dead time is counted in ticks of `tick_s`.
+    """A network `body`, whose dead time is counted in ticks of `tick_s`, and a column of oil that rings.
 
-    `cost_J` is the cost J [%] (thesis eq. 3.5) on blocks of the simulated force left out of the fit.
+    `column_s2` is the column's mass over its stiffness [s²], 0 without one. `cost_J` is the cost J [%] (thesis eq. 3.5)
+    on blocks of the simulated force left out of the fit.
     """
 
     body: Hydraulic
     tick_s: float
     cost_J: float
+    column_s2: float = 0.0
 
     def change_error(self, inputs: TraceInputs) -> float:
         """Return the error of a change of force by other `inputs`, relative to the change."""
@@ -66,7 +68,13 @@ class Twin(TraceSimulator):
 
     def as_json(self) -> dict[str, Any]:
         """Return the twin as plain values."""
-        return {"schema": SCHEMA, "tick_s": self.tick_s, "cost_J": self.cost_J, **self.body.to_json()}
+        return {
+            "schema": SCHEMA,
+            "tick_s": self.tick_s,
+            "cost_J": self.cost_J,
+            "column_s2": self.column_s2,
+            **self.body.to_json(),
+        }
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> Twin:
@@ -74,7 +82,9 @@ class Twin(TraceSimulator):
         if document.get("schema") != SCHEMA:
             raise ValueError(f"schema is {document.get('schema')!r}; expected {SCHEMA!r}")
         root = JsonObject(document, "twin")
-        return cls(Hydraulic.from_json(root, {}), root.number("tick_s", 1e-6, 1.0), root.number("cost_J", 0.0))
+        column_s2 = root.number("column_s2", 0.0, 1.0) if "column_s2" in document else 0.0  # older files have none
+        numbers = root.number("tick_s", 1e-6, 1.0), root.number("cost_J", 0.0), column_s2
+        return cls(Hydraulic.from_json(root, {}), *numbers)
 
 
 @dataclass(frozen=True)
@@ -143,7 +153,7 @@ def make_run(twin: Twin, trace: Trace) -> TwinRun:
     position, speed, current, step_s = sample_inputs(trace, count_steps(trace))
     valve = twin.body.valve
     body = replace(twin.body, valve=replace(valve, delay_ticks=valve.delay_ticks * twin.tick_s / step_s))
-    return TwinRun(body, position, speed, current, step_s)
+    return TwinRun(body, position, speed, current, step_s, twin.column_s2)
 
 
 def sample_inputs(trace: Trace, steps: int) -> tuple[F, F, F, float]:

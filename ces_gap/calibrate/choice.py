@@ -193,7 +193,9 @@ class _Tangent:
         at[list(found.determined)] = joint.searched[:count]
         searched = np.concatenate([at, joint.searched[count:]])
         every = range(len(found.effect.free))
-        residual, jacobian = linearise(found.evidence, found.beside_effect(effect, every), searched)
+        residual, jacobian = joint.residual, joint.jacobian
+        if count < len(every):
+            residual, jacobian = linearise(found.evidence, found.beside_effect(effect, every), searched)
         return cls(found, effect, searched, float(residual @ residual), jacobian.T @ jacobian, jacobian.T @ residual)
 
     def drafts(self, price: float) -> list[_Draft]:

@@ -6,17 +6,18 @@ So they are fitted, cross-validated and combined with missing effects by the sam
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
+from scipy.sparse.csgraph import connected_components
 
 from ces_data.arrays import F
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.effects.effect import SIMULATION, Composition, Effect, EffectParameter
 from ces_gap.grid import rms
-from ces_gap.trace import Trace, TraceInputs, usable_values
+from ces_gap.trace import Trace, TraceInputs, resample_to_grid, usable_values
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
@@ -31,9 +32,10 @@ MOVES_TOGETHER = 0.95  # correlation of two estimates
 class SimulationParameters(Effect):
     """Some parameters of a simulation; those that are not `free` keep their defaults."""
 
-    simulation: Simulation
+    simulation: Simulation = field(hash=False)
     free: tuple[EffectParameter, ...]
-    beside_inside: bool = False  # whether an effect inside the damper, in its twin, may be beside it
+    adds: bool = False  # to a force that holds more than the simulation's: a correction, or an effect in its twin
+    begin: tuple[float, ...] = ()  # of a search, besides the defaults
 
     name, form, stage = NAME, "values", SIMULATION
     summary = "numbers of the simulation are off"
@@ -47,8 +49,8 @@ class SimulationParameters(Effect):
         """Return `force` [N] (n,) and what the values change of the simulation's; NaN where it does not run."""
         changed = self.simulation.with_values(dict(zip([p.name for p in self.free], values, strict=True)))
         try:
-            own = DirectSimulator(changed).force(trace, inputs)
-            if not self.beside_inside:  # then `force` is that of the defaults
+            own = _simulate(changed, trace, inputs)
+            if not self.adds:  # then `force` is that of the defaults
                 return own
             if inputs is trace.inputs:
                 return np.asarray(force + own - trace.simulated)
@@ -56,9 +58,24 @@ class SimulationParameters(Effect):
         except CesError:
             return np.full(len(trace), np.nan)
 
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        """Return where a search begins."""
+        return [self.begin] if self.begin else super().starts_for(trace)
+
+    def begin_at(self, searched: F) -> SimulationParameters:
+        """Return the effect with a search from these values (p,) on the search scales."""
+        return replace(self, begin=tuple(p.to_value(u) for p, u in zip(self.free, searched.tolist(), strict=True)))
+
     def hold_others(self, places: Sequence[int]) -> SimulationParameters:
         """Return the effect of the parameters at some places; the others keep their defaults."""
         return replace(self, free=tuple(self.free[k] for k in places))
+
+
+def _simulate(simulation: Simulation, trace: Trace, inputs: TraceInputs) -> F:
+    """Return the force [N] (n,) on the grid; recorded inputs are those of the recording."""
+    if inputs is trace.inputs:
+        return resample_to_grid(trace, simulation.force(trace.recording))
+    return DirectSimulator(simulation).force(trace, inputs)
 
 
 def size_of(p: EffectParameter) -> float:
@@ -133,10 +150,14 @@ def find_groups(jacobian: F, covariance: F, determined: Sequence[int], names: Se
 
 
 def _find_correlated(covariance: F, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the parameters whose estimates are correlated, with all that they are correlated with in one group."""
+    if not len(names):
+        return []
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     close: NDArray[np.bool_] = np.abs(covariance / np.outer(size, size)) > MOVES_TOGETHER
-    pairs = zip(*np.nonzero(np.triu(close, 1)), strict=True)
-    return [(names[i], names[j]) for i, j in pairs]
+    count, group = connected_components(close, directed=False)
+    groups = [tuple(name for name, own in zip(names, group, strict=True) if own == k) for k in range(count)]
+    return [names for names in groups if len(names) > 1]
 
 
 def values_of(effect: SimulationParameters, searched: F) -> dict[str, float]:

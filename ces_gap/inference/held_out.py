@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ces_data.arrays import F
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
-from ces_gap.grid import number_blocks, rms
+from ces_gap.grid import number_blocks
 from ces_gap.inference.evidence import Baseline, Evidence
-from ces_gap.inference.fit import EffectFit, Estimate, Interval, estimate_parameters, fit_from
+from ces_gap.inference.fit import Z95, EffectFit, Estimate, Interval, estimate_parameters, fit_from
 from ces_gap.inference.judgement import (
     CALIBRATION,
     NO_GAP,
@@ -29,7 +29,7 @@ from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
-from ces_gap.trace import Trace, noise_floor_N, own_error_N, usable_values
+from ces_gap.trace import Trace, gap_N, noise_floor_N, own_error_N, usable_values
 
 BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
@@ -37,6 +37,7 @@ SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the dif
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
 SMALL = 0.3  # of a rare deviation: what an explanation leaves of it at most, a tenth of its energy
 HIDDEN = 3.0  # times the gap's RMS: what is as large lasts at most 1/9 of the time, and the RMS hides it
+SURELY_MORE = 1.15  # times the gap left, without an effect that is needed: `verdict.CLEARLY_MORE`
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
 
@@ -123,11 +124,13 @@ def score_held_out(
     timed = [scorer.explain(f, scorer.forces(f, True)).gap_after_N for f in timing]
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     known = {} if best is None else {best.composition: forces}
-    asked = inputs, baseline, findings.tolerance_N, blocks.traces
-    rare, rare_left = _find_rare(*asked, (*result.evidence.alone, *scorer.alone)), None
+    alone, least_N = (*result.evidence.alone, *scorer.alone), findings.tolerance_N
+    least_N = max(least_N, HIDDEN * findings.visible_from_N if findings.has_references else 0.0)
+    rare, rare_left = _find_rare(inputs, baseline, blocks.traces, alone, least_N), None
     if best is not None and np.isfinite(together.gap_after_N):
+        least_N = least_N if rare is None else max(least_N, SMALL * abs(rare.mean_N))
         modelled = (*result.evidence.forces(best.composition), *forces)
-        rare_left = _find_rare(*asked, modelled, 0.0 if rare is None else rare.mean_N)
+        rare_left = _find_rare(inputs, baseline, blocks.traces, modelled, least_N)
     return HeldOutScores(
         gap=_gap(scorer, _find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
@@ -143,29 +146,17 @@ def score_held_out(
 
 
 def _find_rare(
-    inputs: DiagnosisInput,
-    baseline: Baseline,
-    tolerance_N: float,
-    held_out: Sequence[Trace],
-    forces: Sequence[F],
-    before_N: float = 0.0,
+    inputs: DiagnosisInput, baseline: Baseline, held_out: Sequence[Trace], forces: Sequence[F], least_N: float
 ) -> RareDeviation | None:
     """Return the largest local deviation from `forces` [N] (n,) on fitted and held-out recordings.
 
-    It is more than the references have, than the RMS shows, and than a small part of one of `before_N`.
+    It is at least `least_N`, and more than the references have and than the RMS shows.
     """
     errors = [t.force - baseline.plant.alone(t) for t in inputs.reference]
     known = [np.where(t.usable, error, np.nan) for t, error in zip(inputs.reference, errors, strict=True)]
-    count = len(inputs.real)
-    gaps_N = _gap_N(inputs.real, forces[:count]), _gap_N(held_out, forces[count:])
-    least_N = max(tolerance_N, HIDDEN * max(gaps_N), SMALL * abs(before_N))
-    return find_rare_deviation((*inputs.real, *held_out), forces, known, least_N)
-
-
-def _gap_N(traces: Sequence[Trace], forces: Sequence[F]) -> float:
-    """Return the RMS [N] of measured minus modelled force without the noise."""
-    error = usable_values(traces, [t.force - f for t, f in zip(traces, forces, strict=True)])
-    return math.sqrt(max(rms(error) ** 2 - noise_floor_N(traces) ** 2, 0.0))
+    parts = (inputs.real, forces[: len(inputs.real)]), (held_out, forces[len(inputs.real) :])
+    largest_N = max(gap_N(traces, some, noise_floor_N(traces)) for traces, some in parts)
+    return find_rare_deviation((*inputs.real, *held_out), forces, known, max(least_N, HIDDEN * largest_N))
 
 
 def gaps_without_each(scorer: HeldOutScorer, evidence: Evidence, fit: EffectFit) -> tuple[float, ...]:
@@ -275,13 +266,18 @@ def apply_judgement(scores: HeldOutScores, judgement: Judgement) -> HeldOutScore
 
 
 def has_undetermined_effect(composition: Explanation) -> bool:
-    """True if the 95 % interval of an effect's magnitude includes that it is not there.
+    """True if the 95 % interval of an effect's magnitude includes that it is not there, and it is not needed.
 
     Several magnitudes of one effect may be uncertain each and certain together, so they are not tested one by one.
+    Where an effect saturates, as a relief valve that is wide open, the interval is wide for a size that is surely not
+    zero (Hauck and Donner 1977): then counts what is left without the effect.
     """
-    for setting, estimates in zip(composition.composition.settings, composition.estimates, strict=True):
+    c, alone = composition, composition.gain > Z95 * composition.gain_error > 0.0
+    needed = [gap_N > SURELY_MORE * c.gap_after_N for gap_N in c.without_N] or [alone] * len(c.effects)
+    for setting, estimates, is_needed in zip(c.composition.settings, c.estimates, needed, strict=True):
         sizes = [(p, e) for p, e in zip(setting.effect.parameters, estimates, strict=True) if p.magnitude]
-        if len(sizes) == 1 and all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes):
+        includes_none = all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes)
+        if not is_needed and len(sizes) == 1 and includes_none:
             return True
     return False
 

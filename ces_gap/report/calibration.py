@@ -110,9 +110,11 @@ def _describe_doubts(c: Calibration) -> str:
         near = next((group[1:] for group in c.moves_with if group[0] == p.name), ())
         why = f"it moves with {join_with(near)}" if near else "it hardly changes the force here"
         texts.append(f"{p.name} cannot be determined: {why}; it is held at its default.")
-    for p in (p for p in c.parameters if p.is_doubtful and p.matters):
-        where = "at the bound of its range" if p.at_bound else "far from its default"
-        texts.append(f"{p.name} is found {where}: rather a sign that the simulation lacks something than a value.")
+    doubtful = [p.name for p in c.parameters if p.is_doubtful and p.matters]
+    if doubtful:
+        verb = "lies" if len(doubtful) == 1 else "lie"
+        where = f"{join_with(doubtful)} {verb} at a bound or far from the default"
+        texts.append(f"{where}: rather a sign that the simulation lacks something than a value.")
     return " ".join(texts)
 
 

@@ -24,7 +24,7 @@ from ces_identify.structures import KITS
 from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation
 
 REST = "rest"  # the part of a recording after `split`, as a validation set
-COUNTED = ("terms", "units", "rules", "curves", "memberships")
+COUNTED = ("terms", "units", "rules", "curves")
 
 
 def compute_cell(job: CampaignJob, recordings: Sequence[Recording], _: Sequence[object] = ()) -> JobResult:

@@ -28,8 +28,7 @@ from ces_identify.limits import ComparisonLimits
 from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, find_working_windows
 from ces_observer.json_text import write_atomically
-from ces_report.charts import IntervalRow, draw_intervals
-from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, series_css, share_points
+from ces_report.plot import IntervalRow, Plot, PlotArea, PlotLine, draw_intervals, draw_plot, series_css, share_points
 from ces_report.shell import command_block, page_template, replace_unencodable
 from ces_report.table import Column, Table
 from ces_report.typesetting import join_with

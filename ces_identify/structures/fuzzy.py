@@ -24,7 +24,6 @@ from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
 from ces_identify.training import RegressorTable, normal_equations
-from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
@@ -235,7 +234,6 @@ def learn_hybrid(errors: Evaluate, params: F, consequents: int) -> F:
 
 MAX_RULES = 60
 STROKES = 3  # memberships of the position
-NONE = "none"
 CURRENT_AND_SPEED = training.LagCounts(0, 1, 1)  # the inputs of the thesis' neuro-fuzzy models, at the present tick
 
 
@@ -271,31 +269,11 @@ class FuzzyShape(LaggedShape):
 def read_grid(text: str) -> tuple[int, int]:
     """Return the numbers of memberships of speed and current in `VxI`; raises ValueError."""
     speeds, _, currents = text.partition("x")
-    return _check_grid(text, "VxI, such as 7x2", speeds, currents)
-
-
-def read_memberships(text: str) -> tuple[int, int] | None:
-    """Return the memberships of speed B and current A in `AxB` (thesis order), None for `none`; raises ValueError."""
-    currents, _, speeds = text.partition("x")
-    return None if text == NONE else _check_grid(text, "AxB, such as 4x4", speeds, currents)
-
-
-def _check_grid(text: str, expected: str, speeds: str, currents: str) -> tuple[int, int]:
     if not (speeds.isdecimal() and currents.isdecimal() and int(speeds) >= 2 and int(currents) >= 1):
-        raise ValueError(f"'{text}' is not {expected}, with at least 2 of speed and 1 of current")
+        raise ValueError(f"'{text}' is not VxI, such as 7x2, with at least 2 of speed and 1 of current")
     if int(speeds) * int(currents) > MAX_RULES:
         raise ValueError(f"'{text}' makes {int(speeds) * int(currents)} rules; at most {MAX_RULES}")
     return int(speeds), int(currents)
-
-
-def choose_shape(rules: str, memberships: str) -> FuzzyShape:
-    """Return the shape of the options `rules` (with a past force) and `memberships` (without); raises CesError."""
-    static = read_memberships(memberships)
-    if static is None:
-        return FuzzyShape(*read_grid(rules))
-    if rules != RULES.default:
-        raise CesError(f"--rules {rules} and --memberships {memberships}: give one; only --rules has a past force")
-    return FuzzyShape(*static, current_delay_s=0.0, lags=CURRENT_AND_SPEED)
 
 
 def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
@@ -327,19 +305,10 @@ RULES = Option(
     check_text=read_grid,
     metavar="VxI",
 )
-MEMBERSHIPS = Option(
-    "memberships",
-    NONE,
-    "instead of --rules: neuro-fuzzy rules of present current and speed alone, with A memberships of current and B of "
-    "speed, as in thesis table 5.3; such a model has no memory",
-    form=f"{NONE} or memberships AxB such as 4x4, at most {MAX_RULES} rules",
-    check_text=read_memberships,
-    metavar="AxB",
-)
 ANFIS = StructureKit(
     about="neuro-fuzzy rules",
     body=Fuzzy,
-    sizes=(RULES, MEMBERSHIPS),
-    fitter=lambda sizes: choose_shape(str(sizes["rules"]), str(sizes["memberships"])),
+    sizes=(RULES,),
+    fitter=lambda sizes: FuzzyShape(*read_grid(str(sizes["rules"]))),
     table=fuzzy_table,
 )

@@ -20,13 +20,12 @@ from ces_observer.fields import choice, quantity, require_known_keys, setting, w
 from ces_observer.nodes.parameter_table import EXECUTOR
 from ces_observer.options import Option, as_parameter
 from ces_rig.dampers.effects import WithheldEffect
-from ces_rig.dampers.kinds import HYDRAULIC
 from ces_rig.dampers.model import replace_numbers
-from ces_rig.dampers.stepper import GIVEN_STROKE, DamperStepper, Mover
-from ces_rig.drive.kernels import BODY_SPEED, FORCE, STROKE, TYRE
-from ces_rig.drive.kernels import VEHICLE as VEHICLE_MOVER
+from ces_rig.dampers.stepper import GIVEN_STROKE, HYDRAULIC, DamperStepper, Mover
+from ces_rig.drive import BODY_SPEED, FORCE, STROKE, TYRE
+from ces_rig.drive import VEHICLE as VEHICLE_MOVER
 from ces_rig.errors import RigError
-from ces_rig.experiment import DamperDescription, load_description
+from ces_rig.experiments.virtual import DamperDescription, load_description
 from ces_rig.live.motion import Actuator, Follower, LiveRoad, Loop, Script, Vehicle, make_loop
 from ces_rig.live.timing import Command
 from ces_rig.sensors import GRID_S, Sensor, Sensors, Truth, make_rng

@@ -10,7 +10,7 @@ from ces_identify.numerics.search import Limits
 from ces_identify.prepare.cost import cost
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structures.fuzzy import choose_shape
+from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.training import (
     LagCounts,
@@ -109,7 +109,7 @@ def test_counts_are_ticks_at_every_rate(rate_Hz):
     ("structure", "size", "message"),
     [
         ("sigmoid", {"lags": "2,4"}, "structure 'sigmoid': '2,4' is not Y,C,V, such as 2,4,5"),
-        ("anfis", {"memberships": "4"}, "structure 'anfis': '4' is not AxB, such as 4x4"),
+        ("anfis", {"rules": "4"}, "structure 'anfis': '4' is not VxI, such as 7x2"),
     ],
 )
 def test_a_wrong_size_is_one_line_in_a_script(structure, size, message):
@@ -126,7 +126,8 @@ def test_a_constant_current_alone_leaves_nothing_to_use():
 
 
 def test_memberships_of_current_and_speed_make_a_model_without_memory():
-    model = identify([planted(FUZZY, 1)], [], OPTIONS, fitter=choose_shape("7x2", "2x3")).model
+    shape = FuzzyShape(3, 2, current_delay_s=0.0, lags=CURRENT_AND_SPEED)
+    model = identify([planted(FUZZY, 1)], [], OPTIONS, fitter=shape).model
     body = model.body
     assert [(p.signal, p.lag, len(p.memberships)) for p in body.premises] == [("speed", 0, 3), ("current", 0, 2)]
     assert {(r.signal, r.lag) for r in body.regressors} == {("speed", 0), ("current", 0)}

@@ -121,7 +121,7 @@ def test_what_is_left_out_is_as_in_identify(load):
     campaign = load("bags: {a: one}\nstructures: {polynomial: , anfis: {}}\n")
     assert campaign.structures == {
         "polynomial": {"terms": (15,), "method": (METHODS[0],), "candidates": ("built-in",)},
-        "anfis": {"rules": ("7x2",), "memberships": ("none",)},
+        "anfis": {"rules": ("7x2",)},
     }
     assert campaign.split == 0.75
     assert load("bags: {a: one}\nvalidate: {b: two}\nstructures: {sigmoid: }\n").split == 1.0

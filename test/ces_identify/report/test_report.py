@@ -22,8 +22,8 @@ from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
-from ces_report.charts import MAX_NAME, IntervalRow, draw_intervals
 from ces_report.drawing import PlotAxis, band, line, panel
+from ces_report.plot import MAX_NAME, IntervalRow, draw_intervals
 
 XHTML, SVG = "{http://www.w3.org/1999/xhtml}", "{http://www.w3.org/2000/svg}"
 FACTS = {"Date": "2025-03-14", "Command": "ces identify bags/sine --out model.json"}

@@ -1,0 +1,302 @@
+"""One thing that the folder holds: its kind, place and facts, by its file's name and first bytes, read bounded.
+
+Costs are in percent, forces in N, lengths in m. A function of facts raises UnreadableError, or one of WRONG_CONTENT for
+a file whose values are not those that our programs write.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import stat
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from html import unescape
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from ces_observer.errors import CesError
+from ces_observer.model import load_model
+from ces_observer.proof.certificate import summarize
+
+MAX_JSON_BYTES, MAX_ROWS_BYTES = 8_000_000, 64_000_000
+HEAD_BYTES, METADATA_BYTES = 4096, 200_000
+
+Facts = dict[str, Any]  # also a JSON object
+ItemReader = Callable[[Path], tuple[str, Facts] | None]  # None for files of other programs
+WRONG_CONTENT = (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError)
+MODEL, REPORT, RESULT, RECORDING, UNREADABLE = "model", "report", "result", "recording", "unreadable"
+KINDS = {  # by kind: the heading of its page, one, several, and the columns of its list: key of the fact, heading, form
+    MODEL: ("Models", "model", "models", "structure,structure; size,size; cost_J,J % validation,.2f; "
+            "fit_J,J % identification,.2f; recordings,identified on; stability,stability"),
+    RESULT: ("Results", "result", "results", "what,kind; summary,says; cost_J,J %,.2f"),
+    REPORT: ("Reports", "report", "reports", "summary,title"),
+    RECORDING: ("Recordings", "recording", "recordings", "seconds,s,.1f; messages,messages,d; MB,MB,.1f"),
+    UNREADABLE: ("Unreadable", "unreadable file", "unreadable files", "summary,says"),
+    "": ("Overview", "thing", "things", "what,kind; summary,says; cost_J,J %,.2f"),
+}  # fmt: skip
+HASHED = re.compile(r"[0-9a-f]{16,}\.json")
+DONE = "done"
+TITLE = re.compile(rb"<title>(.*?)</title>", re.DOTALL)
+METADATA = {
+    "seconds": (re.compile(rb"duration:\s*\n\s*nanoseconds:\s*(\d+)"), 1e-9),
+    "messages": (re.compile(rb"\n  message_count:\s*(\d+)"), 1),
+}
+SCHEMA = re.compile(rb'"schema"\s*:\s*"(ces-[a-z-]+)/\d+"')
+GENERATOR = b'content="ces_observer'  # of our pages, in their heads
+OUR_NAMES = {"model.json", "gap.json", "augmented.json"}
+MEMBER = "ensemble_"  # models by which `ces iterate` measures disagreement
+
+
+class UnreadableError(CesError):
+    """A file of ours that cannot be read; the message says why, without the path."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """A thing at `path` (relative, with /), changed at `modified_s` (Unix time); `problem` is why it cannot be read."""
+
+    kind: str
+    path: str
+    modified_s: float
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    problem: str = ""
+
+    @property
+    def folder(self) -> str:
+        """The path without its last part, empty at the top."""
+        return self.path.rpartition("/")[0]
+
+    @property
+    def home(self) -> str:
+        """Its path, or that of its folder if it is a folder of results."""
+        return self.folder if self.folder and self.kind == RESULT else self.path
+
+    @property
+    def name(self) -> str:
+        """The last part of that path."""
+        return self.home.rpartition("/")[2]
+
+    @property
+    def label(self) -> str:
+        """Its name, shortened if that is a hash, as of a campaign's models."""
+        return f"{self.name[:8]}…" if HASHED.fullmatch(self.name) else self.name
+
+    @property
+    def summary(self) -> str:
+        """What it says in one line."""
+        return self.problem or str(self.facts.get("summary", ""))
+
+    @property
+    def changed(self) -> str:
+        """The local time of its last change to the minute, a dash if no calendar has it (a file may carry any time)."""
+        try:
+            return f"{datetime.fromtimestamp(self.modified_s):%Y-%m-%d %H:%M}"
+        except (ValueError, OverflowError, OSError):
+            return "–"
+
+
+def list_facts(kind: str, item: Item) -> list[tuple[str, str, bool]]:
+    """Return heading, text, and whether it is a number, of a thing's facts in the list of a kind (empty: of all)."""
+    facts = {"what": KINDS[item.kind][1], **item.facts, "summary": item.summary}
+    out = []
+    for key, heading, *form in (column.strip().split(",") for column in KINDS[kind][3].split(";")):
+        value = facts.get(key)
+        text = "–" if value is None else ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+        out.append((heading, format_number(value, form[0]) if form else text, bool(form)))
+    return out
+
+
+def format_number(value: object, form: str, unit: str = "") -> str:
+    """Return a number with its unit as text, a dash for anything else."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return "–"
+    return f"{value:{form}}".replace("-", "−") + (f" {unit}" if unit else "")
+
+
+def find_reader(path: Path) -> ItemReader | None:
+    """Return what reads kind and facts of a file, by its name; None for files that are not shown."""
+    suffix = path.suffix.lower()
+    if path.name in ROW_FACTS:
+        return lambda path: (RESULT, ROW_FACTS[path.name](_read_rows(path)))
+    if suffix == ".json" and not path.name.startswith(MEMBER):
+        return _read_json
+    if suffix == ".html":
+        return _read_page
+    return read_recording if suffix in (".mcap", ".db3") else None
+
+
+def read_item(read: ItemReader, path: Path, where: str, modified_s: float) -> Item | None:
+    """Return the thing that `read` finds in a file, which its list shows at `where`; None for other programs' files."""
+    try:
+        content = read(path)
+        return None if content is None else Item(content[0], where, modified_s, content[1])
+    except UnreadableError as error:
+        problem = str(error)
+    except OSError as error:
+        problem = f"cannot be read: {error.strerror or error}"
+    except CesError as error:
+        problem = str(error).partition(": ")[2] or str(error)  # without the path
+    except WRONG_CONTENT as error:
+        logging.getLogger(__name__).warning("%s", path, exc_info=error)  # it may be an error of ours
+        missing = isinstance(error, KeyError)
+        problem = f"no key {error}" if missing else f"not the content that our programs write: {error}"
+    return Item(UNREADABLE, where, modified_s, {}, problem)
+
+
+def read_recording(path: Path) -> tuple[str, Facts]:
+    """Return kind and facts of a bag without opening it: a rosbag2 folder, or a bag file."""
+    files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
+    facts: Facts = {"MB": 1e-6 * sum(file.stat().st_size for file in files)}
+    if path.is_dir():
+        text = _read_head(path / "metadata.yaml", METADATA_BYTES)
+        for key, (pattern, scale) in METADATA.items():
+            match = pattern.search(text)
+            facts[key] = scale * int(match[1]) if match else None
+    length = format_number(facts.get("seconds"), ".1f", "s")
+    facts["summary"] = ", ".join(text for text in (length, f"{facts['MB']:.1f} MB") if text != "–")
+    return RECORDING, facts
+
+
+def _read_page(path: Path) -> tuple[str, Facts] | None:
+    head = _read_head(path)
+    title = TITLE.search(head)
+    text = unescape(title[1].decode("utf-8", "replace")).strip() if title else path.name
+    return (REPORT, {"summary": text}) if GENERATOR in head else None
+
+
+def _read_json(path: Path) -> tuple[str, Facts] | None:
+    head = _read_head(path)
+    schema = SCHEMA.search(head)
+    if schema is not None:
+        read_facts = JSON_FACTS.get(schema[1])
+        return None if read_facts is None else read_facts(path)
+    if path.name in OUR_NAMES or head.lstrip()[:1] not in (b"{", b"["):
+        raise UnreadableError("empty" if not head.strip() else "no schema of ces_observer at its beginning")
+    return None
+
+
+def _model_facts(path: Path) -> tuple[str, Facts]:
+    content = _read_object(path)
+    provenance = content.get("provenance") or {}
+    costs = provenance.get("cost_J_percent") or []
+
+    def mean_J(role: str) -> float | None:
+        values = [value for c in costs if c["role"] == role and (value := number(c["J"])) is not None]
+        return sum(values) / len(values) if values else None
+
+    structure, certificate = str(content["structure"]).removesuffix("_narx"), content["certificate"]
+    # a polynomial's size without the proof of its bounds, which takes milliseconds
+    size = f"{len(content['terms'])} terms" if structure == "polynomial" else load_model(path).size
+    return MODEL, {
+        "structure": structure,
+        "size": size,
+        "summary": f"{structure}, {size}",
+        "cost_J": mean_J("validation"),
+        "fit_J": mean_J("identification"),
+        "rate_Hz": float(content["sampling"]["rate_Hz"]),
+        "recordings": [str(one["recording"]) for one in provenance.get("identification") or []],
+        "validation": [str(one["recording"]) for one in provenance.get("validation") or []],
+        "certificate": "not proved" if certificate is None else summarize(certificate),
+        "stability": "not proved" if certificate is None else summarize(certificate).partition(":")[0],
+    }
+
+
+def _diagnosis_facts(path: Path) -> tuple[str, Facts]:
+    content = _read_object(path)
+    number(content["composition"]["gap_after_N"])
+    return RESULT, {
+        "what": "diagnosis",
+        "summary": str(content["sentence"]),
+        "cost_J": number(content["gap"]["cost_J"]),
+        "verdict": str(content["verdict"]).replace("_", " "),
+        "gap N": number(content["gap"]["rms_N"]),
+    }
+
+
+def _campaign_facts(rows: list[Facts]) -> Facts:
+    done = [row for row in rows if row["status"] == DONE]
+    costs = [float(row["selection_J"]) for row in done if row["selection_J"] is not None]
+    counts = f"{len(done)} models" + (f", {len(rows) - len(done)} failed" if len(done) < len(rows) else "")
+    structures = ", ".join(sorted({str(row["structure"]) for row in done}))
+    return {"what": "campaign", "summary": f"{counts}: {structures}", "cost_J": min(costs, default=None)}
+
+
+def _fleet_facts(rows: list[Facts]) -> Facts:
+    verdicts = Counter(str(row["verdict"]).replace("_", " ") for row in rows if row["status"] == DONE)
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()) or "none diagnosed"
+    return {"what": "fleet", "summary": f"{len(rows)} units: {counts}", "units": [str(row["name"]) for row in rows]}
+
+
+def _iteration_facts(rows: list[Facts]) -> Facts:
+    if not rows:
+        return {"what": "iteration", "summary": "no iteration finished yet"}
+    fresh = number(rows[-1]["fresh_J"])
+    cost = "" if fresh is None else f", J {fresh:.2f} % on the last fresh recording"
+    recorded = f"{len(rows)} iterations, {float(rows[-1]['total_s']):.0f} s recorded"
+    return {"what": "iteration", "summary": recorded + cost, "cost_J": fresh}
+
+
+JSON_FACTS: dict[bytes, Callable[[Path], tuple[str, Facts]]] = {
+    b"ces-model": _model_facts,
+    b"ces-gap": _diagnosis_facts,
+}
+ROW_FACTS: dict[str, Callable[[list[Facts]], Facts]] = {
+    "results.jsonl": _campaign_facts,
+    "fleet.jsonl": _fleet_facts,
+    "iterations.jsonl": _iteration_facts,
+}
+
+
+def number(value: object) -> float | None:
+    """Return a finite number, None for null; raises UnreadableError for anything else."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        raise UnreadableError("a value is not a number")
+    return float(value)
+
+
+def _read_head(path: Path, count: int = HEAD_BYTES) -> bytes:
+    """Return the first bytes of a regular file; raises UnreadableError or OSError."""
+    if not stat.S_ISREG(path.stat().st_mode):  # opening a pipe would wait
+        raise UnreadableError("not a regular file")
+    with path.open("rb") as file:
+        return file.read(count)
+
+
+def _read_object(path: Path) -> Facts:
+    """Return the object in a JSON file; raises UnreadableError or OSError."""
+    return _parse_object(_read_whole(path, MAX_JSON_BYTES))
+
+
+def _read_rows(path: Path) -> list[Facts]:
+    """Return the rows of a file with one JSON object a line; an incomplete last line is one that is being written."""
+    rows = []
+    for number, line in enumerate(_read_whole(path, MAX_ROWS_BYTES).rpartition(b"\n")[0].splitlines(), start=1):
+        try:
+            rows.append(_parse_object(line))
+        except UnreadableError as error:
+            raise UnreadableError(f"line {number}: {error}") from None
+    return rows
+
+
+def _read_whole(path: Path, max_bytes: int) -> bytes:
+    raw = _read_head(path, max_bytes + 1)
+    if len(raw) > max_bytes:
+        raise UnreadableError(f"larger than {max_bytes // 1_000_000} MB")
+    return raw
+
+
+def _parse_object(raw: bytes) -> Facts:
+    try:
+        value = json.loads(raw)
+    except (ValueError, RecursionError) as error:
+        raise UnreadableError(f"not complete JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise UnreadableError("not a JSON object")
+    return value
