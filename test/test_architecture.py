@@ -67,7 +67,7 @@ MAX_PACKAGE = {
     "ces_observer": 138,
     "ces_data": 86.1,
     "ces_report": 11.5,
-    "ces_identify": 168.9,
+    "ces_identify": 168.8,
     "ces_rig": 77.2,
     "ces_gap": 127.2,
     "ces_cli": 68.7,
