@@ -193,7 +193,7 @@ def describe_timing(diagnosis: Diagnosis) -> str:
     gap, probe = diagnosis.gap, diagnosis.probe
     if not probe.corrected:
         return ""
-    found = " and ".join(f"{one.about.lower()} {one.found}" for one in probe.findings)
+    found = " and ".join(f"{one.about.lower()} {one.found}" for one in probe.findings if one.is_corrected)
     timing = f" The simulation's timing of its inputs ({found}) is"
     if diagnosis.correction is not None or not describe_correction(diagnosis):
         return f"{timing} corrected first."

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
-from ces_gap.calibrate.calibration import FreedParameters, free_parameters
+from ces_gap.calibrate.calibration import WORSE, FreedParameters, free_parameters
 from ces_gap.calibrate.changed import changed_parameters
 from ces_gap.calibrate.fitting import VISIBLE, unexplained_N
-from ces_gap.calibrate.free import NONE
+from ces_gap.calibrate.free import NONE, choose_free
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library, require_sound
@@ -37,7 +37,7 @@ from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.regions.locate import NOWHERE, locate_gap
 from ces_gap.report.parameters import with_changes, with_parameters
-from ces_gap.trace import own_error_N, usable_values
+from ces_gap.trace import gap_N, own_error_N, usable_values
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 
 FREED = "parameters of the simulation"
@@ -94,13 +94,15 @@ def diagnose(
     inputs = prepare(simulation)
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
+    choose_free(simulation, options.fit, spec)  # a wrong word of --fit ends here
     chosen = FreedParameters(simulation)
     if simulation.parameters and not reference and list(options.fit) != [NONE]:
         twin = None if inputs.twin_problem else inputs.twin
-        asked = real, bool(held_out), physics, twin, options.fit, progress
-        chosen = optional.run(FREED, lambda: free_parameters(simulation, spec, *asked), chosen)
+        asked = spec, real, bool(held_out), physics, twin, options.fit, progress
+        chosen = optional.run(FREED, lambda: free_parameters(original, *asked), chosen)
     if chosen.freed:
-        inputs, simulation = prepare(chosen.simulation, (simulation, inputs.twin)), chosen.simulation
+        inputs, chosen = _keep_what_helps(inputs, prepare(chosen.simulation, (original, inputs.twin)), original, chosen)
+        simulation = chosen.simulation
     errors = (SampleTiming(),) if chosen.competed else simulation_errors()  # parameters are the better calibration
     effects = (*physics, *(() if reference else errors))
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
@@ -126,14 +128,33 @@ def diagnose(
     stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement, bool(chosen.freed))
     diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
     diagnosis = with_parameters(diagnosis, chosen)
-    if options.experiment and diagnosis.verdict == AMBIGUOUS:
+    if options.experiment and diagnosis.verdict == AMBIGUOUS and chosen.pairs:
         progress("choosing the next experiment", 0.0)
-        plant, known = Plant(DirectSimulator(original), twin=inputs.twin), diagnosis.next_experiment
-        among = inputs.real, chosen.pairs, unexplained_N(inputs.real)
-        proposed = optional.run("next experiment", lambda: propose_experiment(plant, *among), None)
-        diagnosis = replace(diagnosis, next_experiment=proposed or known)
+        asking = (
+            Plant(DirectSimulator(original), twin=inputs.twin),
+            inputs.real,
+            chosen.pairs,
+            unexplained_N(inputs.real),
+        )
+        known = diagnosis.next_experiment
+        proposed = optional.run("next experiment", lambda: propose_experiment(*asking), None) or known
+        diagnosis = replace(diagnosis, next_experiment=proposed)
     notes = (*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes)
     return replace(with_changes(diagnosis) if reference else diagnosis, notes=notes)
+
+
+def _keep_what_helps(
+    inputs: DiagnosisInput, changed: DiagnosisInput, original: Simulation, chosen: FreedParameters
+) -> tuple[DiagnosisInput, FreedParameters]:
+    """Return the inputs with `changed` parameters if they explain held-out recordings better, else the `original` ones.
+
+    Parameters beside an effect may be worse alone.
+    """
+    traces = changed.held_out
+    before_N = gap_N(traces, [t.simulated_as_logged for t in traces], 0.0)
+    if chosen.effect or gap_N(traces, [t.simulated for t in traces], 0.0) < before_N:
+        return changed, chosen
+    return inputs, FreedParameters(original, notes=(*chosen.notes, WORSE))
 
 
 def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: DiagnoseOptions) -> float | None:

@@ -77,7 +77,8 @@ def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = 
     tangents, simple = [_Tangent.at(found, j) for j in joints], [nothing, *(_hypothesis(found, (), f) for f in alone)]
     best, *others = _refit_best(found, tangents, simple, energy, progress)
     rest = best.left - len(residual)
-    if rest > VISIBLE**2 * len(residual):  # a gap is left that is small beside the first one
+    if rest > VISIBLE**2 * len(residual) or _has_rare_deviation(found, best):  # left, and small beside the first gap
+        rest = max(rest, SAME / PARAMETER)
         again, *ties = _refit_best(found, tangents, simple, rest, progress)
         if again.left - len(residual) < MAX_REST * rest:
             best, others, energy = again, ties, rest
@@ -89,9 +90,10 @@ def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = 
     )
 
 
-def _has_rare_deviation(found: ParameterFit) -> bool:
-    traces = found.evidence.traces
-    return find_rare_deviation(traces, [t.simulated for t in traces]) is not None
+def _has_rare_deviation(found: ParameterFit, h: Hypothesis | None = None) -> bool:
+    """Return whether a short deviation stands out from the simulation, or from a hypothesis."""
+    forces = found.evidence.forces(h.fit.composition) if h is not None and h.fit is not None else found.evidence.alone
+    return find_rare_deviation(found.evidence.traces, forces) is not None
 
 
 def _refit_best(

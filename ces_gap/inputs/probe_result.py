@@ -19,6 +19,7 @@ class ProbeFinding:
     about: str
     found: str
     meaning: str
+    is_corrected: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,12 +96,14 @@ def _describe(found: SimulationProbe) -> Iterator[ProbeFinding]:
     if abs(lead) >= MIN_LEAD:  # not if it is unknown
         text = f"{abs(lead):.2g} samples ({1e3 * abs(found.current_lead_s):.2g} ms) {'early' if lead > 0.0 else 'late'}"
         corrected = _say_corrected(bool(done.current_lead_samples), "valve lag")
-        yield ProbeFinding("Current", text, f"{CURRENT_MEANINGS[found.current_convention]}; {corrected}")
+        meaning = f"{CURRENT_MEANINGS[found.current_convention]}; {corrected}"
+        yield ProbeFinding("Current", text, meaning, bool(done.current_lead_samples))
     if delay_s > 0.0:
         upto = f" to {1e3 * highest_s:.2g}" if highest_s > 1.1 * delay_s else ""
         why = "the force lags by this at every damping, as behind a filter or a dead time"
         corrected = _say_corrected(bool(done.position_delay_s), "position delay")
-        yield ProbeFinding("Position", f"{1e3 * delay_s:.2g}{upto} ms late", f"{why}; {corrected}")
+        is_corrected = bool(done.position_delay_s)
+        yield ProbeFinding("Position", f"{1e3 * delay_s:.2g}{upto} ms late", f"{why}; {corrected}", is_corrected)
     if found.noise_N > 0.0:
         why = "equal calls differ, or the force is rough at constant speed and current: a part of the gap is this noise"
         yield ProbeFinding("Noise", f"{found.noise_N:.2g} N RMS", why)

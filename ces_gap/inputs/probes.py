@@ -46,6 +46,7 @@ SURE = 3.0  # standard errors
 MIN_NOISE = 1e-6  # of the force's RMS: rounding
 MIN_ROUGHNESS, MIN_TICKS = 2e-3, 10  # of the force's RMS, ticks that show it
 WHITE = 0.5  # correlation of successive values below which a difference counts as noise
+MAX_OPEN = 1.5  # highest over certain delay: beyond, the damper's own elasticity is a part of the lag, and may be all
 LEFT_OPEN = 0.1  # of a delay: how far the recordings may choose another one
 MIN_GAIN = 0.02  # of the energy of the error: a correction that gains less is not made
 
@@ -103,8 +104,9 @@ def correct_inputs(
 ) -> tuple[SimulationProbe, Simulation]:
     """Return the probe, and the simulation with the timing of its inputs corrected as far as the recordings agree.
 
-    References decide if there are any. A model that was identified has learnt the timing of its inputs: it is not
-    corrected. Nor is what does not bring the simulation closer: the real current may be smooth instead of held.
+    A delay that the probe cannot tell from a soft damper's lag is not undone. References decide if there are any. A
+    model that was identified has learnt the timing of its inputs: it is not corrected. Nor is what does not bring the
+    simulation closer: the real current may be smooth instead of held.
     """
     found = probe(simulation, traces[0])
     if isinstance(simulation.innermost, ModelSimulation):
@@ -124,7 +126,7 @@ def correct_inputs(
 
     if lead := found.timing.current_lead_samples:
         best = better(InputTiming(lead))
-    if low_s > 0.0:  # the recordings choose within what the probe leaves open
+    if low_s > 0.0 and high_s < MAX_OPEN * low_s:  # the recordings choose within what the probe leaves open
         delays = np.linspace((1.0 - LEFT_OPEN) * low_s, min((1.0 + LEFT_OPEN) * high_s, MAX_DELAY_S), 3)
         curve = np.polyfit(delays, [left(replace(best, position_delay_s=float(d))) for d in delays], 2)
         vertex = -0.5 * curve[1] / curve[0] if curve[0] > 0.0 else delays[int(np.argmin(np.polyval(curve, delays)))]

@@ -21,6 +21,7 @@ from ces_gap.diagnosis import (
 )
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.inference.judgement import ALTERNATIVES, CALIBRATION, REMAINS, TIMING, UNCERTAIN
+from ces_gap.inference.verdict import TENTH
 from ces_gap.report.calibration import describe_alternative, describe_setting, describe_values
 from ces_report.typesetting import format_number, join_with
 
@@ -31,8 +32,9 @@ def with_parameters(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
         d = replace(d, sentence=format_verdict(d) + describe_rare(d) + describe_timing(d))
         return _with_alternatives(d, chosen) if d.verdict in (NAMED, AMBIGUOUS) else d
     parameters = _explain(d, chosen, chosen.setting)
-    values, shrinks = describe_values(chosen.freed), f"the gap shrinks from {_newtons(d.gap.rms_N)}"
-    alone = f"With {_count(chosen)} {shrinks} to {_newtons(d.gap.corrected_N)} RMS"
+    values, shrinks = describe_values(chosen.freed), "shrinks" if d.gap.corrected_N < d.gap.rms_N else "grows"
+    sizes = f"from {_newtons(d.gap.rms_N)} to {_newtons(d.gap.corrected_N)} RMS"
+    alone = f"With {_count(chosen)} the gap {shrinks} {sizes}"
     sentence = f"{values}. {alone} on held-out recordings."
     if d.verdict == NO_GAP:
         d = replace(d, verdict=NAMED, no_gap_reason="", composition=parameters, sentence=sentence, alternatives=())
@@ -41,15 +43,15 @@ def with_parameters(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
         missing = join_with([describe_setting(s) for s in d.composition.composition.settings])
         verb = "is" if len(d.composition.effects) == 1 else "are"
         every = "both" if len(chosen.freed) + len(d.composition.effects) == 2 else "all"
-        text = f"{values}. Beside {_count(chosen)}, {missing} {verb} missing. {alone}, with {every} to "
+        text = f"{values}. Beside {_count(chosen)}, {missing} {verb} missing. {alone}, with {every} it is "
         d = replace(d, sentence=f"{text}{_newtons(d.composition.gap_after_N)}, on held-out recordings.")
         d = replace(d, composition=_join(parameters, d.composition))
     else:
         beyond = replace(d, gap=replace(d.gap, rms_N=d.gap.corrected_N, ci95_N=d.gap.corrected_ci95_N))
         text = f"{sentence} Beside {_count(chosen)}: {_lower(format_verdict(beyond))}{describe_rare(d)}"
         d = replace(d, sentence=text)
-        if d.verdict == UNKNOWN and d.gap.corrected_N <= d.tolerance_N:  # only a short deviation is left
-            d = replace(d, verdict=AMBIGUOUS, doubt=REMAINS)
+        if d.verdict == UNKNOWN and d.gap.corrected_N <= max(d.tolerance_N, TENTH * d.gap.rms_N):  # little is left
+            d = replace(d, verdict=AMBIGUOUS, doubt=REMAINS, probability_unknown=min(d.probability_unknown, TENTH))
         d = replace(d, composition=_join(parameters, d.composition))
     return _with_alternatives(_weigh(d, parameters), chosen)
 
@@ -124,7 +126,8 @@ def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
         verdict, doubt = AMBIGUOUS, ALTERNATIVES
         d = replace(d, explained_as_well=tuple(one.names for one in instead))
     if doubts:
-        text += f" {join_with(doubts)} lies at a bound or far from the default: a sign that something is missing."
+        verb = "lies" if len(doubts) == 1 else "lie"
+        text += f" {join_with(doubts)} {verb} at a bound or far from the default: a sign that something is missing."
         verdict, doubt = (AMBIGUOUS, doubt or UNCERTAIN) if verdict == NAMED else (verdict, doubt)
     return replace(d, sentence=text, verdict=verdict, doubt=doubt, alternatives=others)
 
