@@ -11,22 +11,20 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS
-from ces_data.logs.log_mapping import COLUMN_KEYS, LAYOUT, LAYOUT_KEYS, SOURCES
+from ces_data.logs.log_mapping import DynoMapping
 from ces_gap.report.calibration import calibrated_schema
 from ces_gap.report.gap_json import gap_schema
-from ces_identify.campaign.plan import COMMON, STRUCTURES, CellLimits, axis_schema
-from ces_identify.options import SPLIT
-from ces_identify.polynomial import candidates
+from ces_identify.campaign.plan import FILE as CAMPAIGN
+from ces_identify.polynomial.rules_file import rules_schema
 from ces_identify.schema_files import ABOUT
 from ces_iterate import plan as iterate_plan
 from ces_iterate.rigs.kinds import RIG_SETTINGS
-from ces_observer.fields import Schema, record_schema
+from ces_observer.fields import Schema
 from ces_observer.json_text import write_atomically
 from ces_observer.nodes import parameter_table
 from ces_observer.options import Option
+from ces_observer.records import record_schema
 from ces_observer.signals import FIELDS, NAMES, UNITS
-from ces_observer.structures.constructed_inputs import BASE, MAX_WIDTH, MIN_WIDTH, SETTINGS
-from ces_observer.structures.terms import MAX_FACTORS, MAX_TERMS
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.dampers.kinds import HYDRAULIC, LUMPED
 from ces_rig.drive import currents, strokes
@@ -107,11 +105,6 @@ def of_parameters(table: Iterable[Option]) -> dict[str, Schema]:
 
 
 SIGNAL_SETTINGS: dict[str, Schema] = {name: one.schema for name, one in FIELDS.items()}
-SIGNAL_SETTINGS["scale"] |= {"not": {"const": 0}}
-SIGNAL_SETTINGS["type"] |= {"pattern": r"^[A-Za-z]\w*/msg/[A-Za-z]\w*$"}
-LAYOUT_SCHEMAS: dict[str, Schema] = {name: one.schema for name, one in LAYOUT.items()}
-LAYOUT_SCHEMAS["dbc"]["type"] = ["string", "array"]
-LAYOUT_SCHEMAS["names"]["items"] = {"type": ["string", "number"]}
 
 
 def signal_properties() -> dict[str, Schema]:
@@ -160,92 +153,6 @@ def signals_schema() -> Schema:
         "else": as_parameters,
         "definitions": file["definitions"],
     }
-
-
-def import_schema() -> Schema:
-    """Return the schema of a mapping for `ces import`."""
-    scaling = {"scale": {**NUMBER, "not": {"const": 0}}, "offset": NUMBER}
-    column = {"type": ["string", "integer"], "minimum": 0}
-    kinds = {
-        "column": with_description(column, "name of the column, or its number from 0"),
-        "constant": with_description(NUMBER, "the same value in all rows"),
-        "from_name": with_description(
-            {"type": "string", "format": "regex"}, "the first group, found in the file's name"
-        ),
-    }
-    of_a_column = {
-        "unit": with_description(TEXT, "unit of the column, instead of scale and offset"),
-        "group": with_description({"type": ["string", "integer"]}, "number or name of a channel group or bus"),
-        "date": with_description({**TEXT, "pattern": "%"}, 'pattern of a date, such as "%d/%m/%Y %H:%M:%S.%f"'),
-    }
-    about_scale = "value in SI units = scale * cell + offset"
-    settings = {**kinds, **{key: with_description(schema, about_scale) for key, schema in scaling.items()}}
-    settings |= {key: of_a_column[key] for key in COLUMN_KEYS}
-    either = {"not": {"required": ["unit"], "anyOf": [{"required": ["scale"]}, {"required": ["offset"]}]}}
-    of_time = {**mapping_of(settings, ("column",)), **either}
-    del settings["date"]
-    source = {**mapping_of(settings), **either, "oneOf": [{"required": [key]} for key in SOURCES]}
-    only_column = {**mapping_of(settings, ("column",)), **either}
-    properties = {
-        **{name: with_description(source, f"{name} [{UNITS[name]}] after scaling") for name in NAMES},
-        **LAYOUT_SCHEMAS,
-        "time": with_description(of_time, "[s] after scaling"),
-        "rate": {"anyOf": [{**NUMBER, "exclusiveMinimum": 0}, only_column], "description": "[Hz], instead of time"},
-    }
-    keys = (*LAYOUT_KEYS, *NAMES)
-    whole = mapping_of({key: properties[key] for key in keys}, ("current", "force"))
-    motion = {"anyOf": [{"required": ["position"]}, {"required": ["speed"]}]}
-    return {**whole, **motion, "not": {"required": ["time", "rate"]}}
-
-
-SETTING: dict[str, Schema] = {
-    "half_width": number_between(MIN_WIDTH, MAX_WIDTH),
-    "time_constant_s": number_between(1e-4, 1e4),
-    "range_Hz": {**list_of(number_between(1e-3, 1e5)), "minItems": 2, "maxItems": 2},
-    "floor_m": number_between(MIN_WIDTH, MAX_WIDTH),
-}
-OPEN_LAG: Schema = {"anyOf": [{"const": candidates.AUTO}, SETTING["time_constant_s"]]}
-
-
-def candidates_schema() -> Schema:
-    """Return the schema; keys besides the signals are names of constructed inputs, which `constructed` defines."""
-    rule: Schema = {"$ref": "#/definitions/rule"}
-    lists = {key: one.schema for key, one in candidates.RULE_LISTS.items()}
-    lag, power, form = (lists[key]["items"] for key in ("lags", "powers", "forms"))
-    of_a_factor = {"signal": TEXT, "lag": lag, "power": power, "form": form}
-    term = {**list_of(mapping_of(of_a_factor, ("signal",))), "maxItems": MAX_FACTORS}
-    of_force = {**lists, "lags": candidates.LAGS_OF_FORCE.schema}  # other keys: signals that multiply it
-    del of_force["lags_ms"]
-    properties: dict[str, Schema] = {
-        "force": {"$ref": "#/definitions/force"},
-        **{signal: rule for signal in candidates.SIGNALS if signal != "force"},
-        "constructed": {"type": "object", "additionalProperties": _construction()},
-        "products": with_description(
-            list_of({**list_of(TEXT), "maxItems": MAX_FACTORS}, 1), "signals whose factors are multiplied in a term"
-        ),
-        "initial": with_description(
-            {**list_of(term, 1), "maxItems": MAX_TERMS}, "terms to start from with --method thesis"
-        ),
-    }
-    definitions = {
-        "rule": {**mapping_of({**lists, "again": rule}), "oneOf": [{"required": ["lags"]}, {"required": ["lags_ms"]}]},
-        "force": {**mapping_of(of_force, ("lags",)), "additionalProperties": rule},
-    }
-    return {**mapping_of(properties), "additionalProperties": rule, "definitions": definitions}
-
-
-def _construction() -> Schema:
-    branches = []
-    for kind in candidates.RULE_KINDS:
-        if kind == candidates.MEMBERSHIPS:
-            peaks = {**list_of(NUMBER, 2), "maxItems": candidates.MAX_MEMBERSHIPS}
-            branches.append(mapping_of({"kind": {"const": kind}, "of": TEXT, "at": peaks}, ("kind", "of", "at")))
-            continue
-        own = {key: one_of(BASE) if key == "of" else SETTING[key] for key in SETTINGS[kind]}
-        own |= {"time_constant_s": OPEN_LAG} if kind == "lag" else {}
-        required = ("kind",) if kind == "frequency" else ("kind", *SETTINGS[kind])
-        branches.append(mapping_of({"kind": {"const": kind}, **own}, required))
-    return {"oneOf": branches}
 
 
 def experiment_schema() -> Schema:
@@ -300,28 +207,6 @@ def iterate_schema() -> Schema:
     return mapping_of({key: properties[key] for key in iterate_plan.KEYS}, ("limits", "rig"))
 
 
-def campaign_schema() -> Schema:
-    """Return the schema of a campaign."""
-    bags = {"anyOf": [TEXT, {**TEXTS, "minItems": 1, "uniqueItems": True}]}
-    names = {"pattern": r"^[\w.+-]+$"}
-    sets = {"type": "object", "minProperties": 1, "propertyNames": names, "additionalProperties": bags}
-    structures = {name: {"anyOf": [{"type": "null"}, mapping_of(_axes(axes))]} for name, axes in STRUCTURES.items()}
-    properties = {
-        "bags": with_description(sets, "sets of recordings to identify on; each gives models of its own"),
-        "validate": with_description(sets, "recordings to validate every model on"),
-        "structures": {**mapping_of(structures), "minProperties": 1},
-        **_axes(COMMON),
-        "limits": record_schema(CellLimits),
-        "split": SPLIT.bare_schema,
-        "signals": with_description({"type": ["string", "null"]}, "signals file (default: the packaged one)"),
-    }
-    return mapping_of(properties, ("bags", "structures"))
-
-
-def _axes(axes: Mapping[str, Option]) -> dict[str, Schema]:
-    return {key: axis_schema(axis) for key, axis in axes.items()}
-
-
 ROS: dict[str, Schema] = {
     "use_sim_time": with_description(FLAG, "take time from /clock"),
     "start_type_description_service": FLAG,
@@ -348,9 +233,9 @@ def node_schema(table: Sequence[Option], with_dots: bool = False) -> Schema:
 DRAFT = "http://json-schema.org/draft-07/schema#"
 BUILDERS: Mapping[str, Callable[[], Schema]] = {
     "signals": signals_schema,
-    "import": import_schema,
-    "candidates": candidates_schema,
-    "campaign": campaign_schema,
+    "import": partial(record_schema, DynoMapping),
+    "candidates": rules_schema,
+    "campaign": lambda: CAMPAIGN.schema,
     "experiment": experiment_schema,
     "damper": damper_schema,
     "iterate": iterate_schema,

@@ -20,7 +20,8 @@ from ces_identify.options import DELAY, STARTS, TERMS, THREADS, TIME, build_iden
 from ces_identify.structures.kit import IdentifyOptions
 from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
-from ces_observer.fields import REQUIRED, choice, declare, quantity, read_record, require_known_keys
+from ces_observer.fields import REQUIRED, require_known_keys
+from ces_observer.records import choice, declare, quantity, read_record
 from ces_observer.structures import STRUCTURES
 
 TOLERANCE = 1e-4  # relative, and in amperes: rounding of the file's digits

@@ -18,7 +18,8 @@ from scipy.signal import butter, sosfiltfilt
 from ces_data.arrays import F
 from ces_data.config_file import read_yaml_mapping
 from ces_data.recording import Recording
-from ces_observer.fields import quantity, read_record, require_known_keys
+from ces_observer.fields import require_known_keys
+from ces_observer.records import quantity, read_record
 from ces_rig.dampers.hydraulic.kernel import LAST_STROKE, rest_force
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, load_damper, parse_damper
 from ces_rig.dampers.kinds import parse_model

@@ -27,8 +27,9 @@ MAY_IMPORT = {  # ces_gap and ces_rig never know each other
 }
 ROOMS = {  # folders and modules of each package from the bottom up: each imports only what stands before it
     "ces_observer": (
-        "arrival_clock errors json_text fields options current_hold lazy_names proof reasons tick core flat kalman "
-        "bank_design signals band structures cdr model sampling_layout estimator damper_observer health control nodes"
+        "arrival_clock errors json_text fields shapes records options current_hold lazy_names proof reasons tick core "
+        "flat kalman bank_design signals band structures cdr model sampling_layout estimator damper_observer health "
+        "control nodes"
     ),
     "ces_data": (
         "arrays compilation recording integration config_file log_formats units bags findings samples signals_file "
@@ -71,11 +72,11 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 138,
+    "ces_observer": 139.7,
     "ces_data": 86.3,
     "ces_report": 11.6,
-    "ces_identify": 167.6,
-    "ces_rig": 57.4,
+    "ces_identify": 168.5,
+    "ces_rig": 57.5,
     "ces_gap": 123.5,
     "ces_iterate": 20.4,
     "ces_serve": 11.8,

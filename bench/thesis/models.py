@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from bench.measurement import print_note
 from ces_data.recording import Recording
 from ces_identify.identification import identify
-from ces_identify.polynomial.candidates import load_rules
+from ces_identify.polynomial.rules_file import load_rules
 from ces_identify.polynomial.search_limits import GAUSS_NEWTON, Limits
 from ces_identify.polynomial.search_limits import THESIS as TO_THE_LETTER
 from ces_identify.prepare.sampling import choose_sampling

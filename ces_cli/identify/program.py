@@ -45,8 +45,9 @@ from ces_gap.augmented import file_of
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
 from ces_identify.identification import STRETCHES, IdentificationResult, count_starts, identify
 from ces_identify.options import build_identify_options
-from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
+from ces_identify.polynomial.candidates import CandidateRules
 from ces_identify.polynomial.constructed import add_blend
+from ces_identify.polynomial.rules_file import built_in_rules, load_rules
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,8 @@ from ces_gap.effects.network import TwinRun
 from ces_gap.grid import thin_out
 from ces_gap.trace import CURRENT_AGE_S, Trace, TraceInputs
 from ces_identify.prepare.series import hold_current
-from ces_observer.json_text import JsonObject
+from ces_observer.errors import ModelError
+from ces_observer.records import bounded, part, read_record, write_record
 from ces_observer.structures.hydraulic import Hydraulic
 
 SCHEMA = "ces-twin/1"
@@ -40,9 +42,9 @@ class Twin(TraceSimulator):
     `cost_J` is the cost J [%] (thesis eq. 3.5) on blocks of the simulated force left out of the fit.
     """
 
-    body: Hydraulic
-    tick_s: float
-    cost_J: float
+    body: Hydraulic = part(inline=True)
+    tick_s: float = bounded(1e-6, 1.0)
+    cost_J: float = bounded(0.0, inf)
 
     def change_error(self, inputs: TraceInputs) -> float:
         """Return the error of a change of force by other `inputs`, relative to the change."""
@@ -66,15 +68,15 @@ class Twin(TraceSimulator):
 
     def as_json(self) -> dict[str, Any]:
         """Return the twin as plain values."""
-        return {"schema": SCHEMA, "tick_s": self.tick_s, "cost_J": self.cost_J, **self.body.to_json()}
+        return {"schema": SCHEMA, "tick_s": self.tick_s, "cost_J": self.cost_J, **write_record(self.body)}
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> Twin:
         """Return the twin from `as_json`; raises ValueError or ModelError if the document is not one."""
         if document.get("schema") != SCHEMA:
             raise ValueError(f"schema is {document.get('schema')!r}; expected {SCHEMA!r}")
-        root = JsonObject(document, "twin")
-        return cls(Hydraulic.from_json(root, {}), root.number("tick_s", 1e-6, 1.0), root.number("cost_J", 0.0))
+        content = {key: value for key, value in document.items() if key != "schema"}
+        return read_record(cls, content, "twin", ModelError, complete=True)
 
 
 @dataclass(frozen=True)

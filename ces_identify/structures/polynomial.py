@@ -10,10 +10,10 @@ import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics import search_clock
-from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.constructed import add_stroke_if_needed, find_time_constants, restrict_to_data
 from ces_identify.polynomial.gauss_newton import fit_free_run, refit_coefficients
 from ces_identify.polynomial.problem import Problem, assemble_problem
+from ces_identify.polynomial.rules_file import load_rules
 from ces_identify.polynomial.search_limits import THESIS, Listener, SearchResult
 from ces_identify.polynomial.selection import search
 from ces_identify.polynomial.term_table import term_table

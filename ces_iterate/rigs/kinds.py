@@ -21,7 +21,7 @@ from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
 from ces_iterate.plan import Plan
 from ces_iterate.rigs.folder import FolderRig
-from ces_observer.fields import quantity, read_record
+from ces_observer.records import quantity, read_record
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.model import DamperModel
 from ces_rig.dampers.stepper import simulate

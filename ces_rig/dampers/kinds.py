@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ces_observer.fields import read_record
+from ces_observer.records import read_record
 from ces_rig.dampers import bouc_wen, hydraulic, lookup
 from ces_rig.dampers.hydraulic.parameters import Hydraulic, parse_damper
 from ces_rig.dampers.model import DamperKind, DamperModel, LumpedDamper

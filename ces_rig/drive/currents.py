@@ -14,7 +14,8 @@ from scipy.signal import butter, lfilter, max_len_seq, sosfilt
 
 from ces_data.arrays import F
 from ces_observer.control.force_controller import CurveError, ForceCurve
-from ces_observer.fields import REQUIRED, quantity, read_record
+from ces_observer.fields import REQUIRED
+from ces_observer.records import quantity, read_record
 from ces_rig.drive.sequences import KIND, Current, CurrentSequence, parse_parts
 from ces_rig.drive.strokes import take_kind
 from ces_rig.errors import RigError

@@ -20,7 +20,8 @@ from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F
-from ces_observer.fields import REQUIRED, quantity, read_record, setting
+from ces_observer.fields import REQUIRED
+from ces_observer.records import quantity, read_record, setting
 from ces_rig.errors import RigError
 
 T = TypeVar("T")

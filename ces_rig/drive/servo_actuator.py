@@ -14,7 +14,7 @@ from numpy.random import Generator
 from scipy.signal import butter, sosfilt
 
 from ces_data.arrays import F
-from ces_observer.fields import quantity
+from ces_observer.records import quantity
 from ces_rig.errors import RigError
 
 SETTLING_S = 2.0  # [s] the disturbance's filter runs before the command begins

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
 from ces_data.arrays import F
-from ces_observer.fields import REQUIRED, choice, quantity, read_record
+from ces_observer.fields import REQUIRED
+from ces_observer.records import choice, quantity, read_record
 from ces_rig.drive.sequences import KIND, Shape, StrokeFile, StrokeSequence, parse_parts
 from ces_rig.errors import RigError
 

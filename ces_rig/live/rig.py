@@ -16,9 +16,10 @@ import numpy as np
 from numpy.random import Generator
 
 from ces_data.config_file import parse_yaml_mapping
-from ces_observer.fields import choice, quantity, require_known_keys, setting, walk_record
+from ces_observer.fields import require_known_keys
 from ces_observer.nodes.parameter_table import EXECUTOR
 from ces_observer.options import Option, as_parameter
+from ces_observer.records import choice, quantity, setting, walk_record
 from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.kinds import HYDRAULIC
 from ces_rig.dampers.model import replace_numbers

@@ -30,7 +30,7 @@ MISTAKES = {
         ({"reservoir": {"gas_m3": -1e-5}}, r"reservoir: gas_m3 is -1e-05; expected a number from 1e-06 to 0.01 m³"),
         ({"oil": {"density_kg_m3": "thick"}}, "oil: density_kg_m3 is 'thick'; expected a number from 500"),
         ({"oil": {"air_fraction": float("nan")}}, "air_fraction is nan"),
-        ({"body": 3}, "body: expected a mapping"),
+        ({"body": 3}, "body is 3; expected a mapping"),
         ({"body": {"rod_m": 0.05}}, "rod_m 0.05 is not smaller than bore_m 0.036"),
         ({"reservoir": {"gas_m3": 1e-5}}, "cannot take up the rod's volume"),
         ({"ces_valve": {"current_high_A": 0.2}}, "current_high_A is not above"),
@@ -70,14 +70,14 @@ MISTAKES = {
     "parts": [
         ([], "expected a list of 1 to 1000 parts"),
         ([3], "part 1 is 3; expected a mapping with kind and duration_s"),
-        ([{"kind": "rest"}], "part 1: 'duration_s' is missing"),
+        ([{"kind": "rest"}], "part 1: key 'duration_s' is missing"),
         ([REST, {"kind": "sequence", "parts": [REST], "duration_s": 1.0}], "part 2 .* no sequence in it"),
         ([{"kind": "wave", "duration_s": 1.0}], "part 1: kind is 'wave'"),
     ],
     "actuator": [
         ({"bandwidth": 3.0}, "x.yaml: actuator: unknown key 'bandwidth'; known are gain"),
         ({"delay_s": -1.0}, "x.yaml: actuator: delay_s is -1.0; expected a number from 0 to 0.2 s"),
-        (None, "x.yaml: actuator: expected a mapping"),
+        (None, "x.yaml: actuator is None; expected a mapping"),
         ({"stroke_m": 0.08}, r"actuator: stroke_m is 0\.08; the damper's ends are at ±0\.06 m"),
     ],
     "experiment": [

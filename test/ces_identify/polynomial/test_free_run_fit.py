@@ -5,9 +5,9 @@ import pytest
 from kernel_examples import SEGMENTS, TERMS, make_inputs, tables  # noqa: F401 - make_inputs is a fixture
 
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.gauss_newton import fit_free_run
 from ces_identify.polynomial.problem import assemble_problem
+from ces_identify.polynomial.rules_file import parse_rules
 from ces_identify.polynomial.sensitivity_kernels import (
     candidate_products,
     normal_equations,
