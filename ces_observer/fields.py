@@ -89,18 +89,17 @@ class Shape(ABC):
 class Field(Shape):
     """A value: a number in `unit` within [low, high], or (low, high] with `above`; one of the words `choices`; a text.
 
-    A number may be one of the words `also` instead.
-    `kind` is bool, int, float, str, Path, Mapping, object (anything), several of these, or a Shape, such as another
-    field; by default that of `default`. `many` is a list
-    of such values, `min_count` to `max_count` of them, `ordered` one that does not fall, `different` one
-    without repetition; with `or_one`, a value alone stands for a list of it. A text must pass `check_text`,
-    which raises ValueError; `form` describes the value, `remedy` says what to do about a mistake.
+    A number may be one of the words `also` instead. `kind` is bool, int, float, str, Path, Mapping, object (anything),
+    several of these, or a Shape, such as another field; by default that of `default`. `many` is a list of such values,
+    `min_count` to `max_count` of them, `ordered` one that does not fall, `different` one without repetition; with
+    `or_one`, a value alone stands for a list of it. A text must pass `check_text`, which raises ValueError; `form`
+    describes the value, `remedy` says what to do about a mistake.
 
     In files, `key` is its name if it has another one there, and `null` stands for None. `make` turns what is read into
     the value and raises ValueError; `text` turns it back. An `optional` value is left out while it has its default; one
-    with `when` is there only if the values read before it say so. The keys of an `inline` record stand beside it.
-    `of` is the attribute, or the function, that finds the value in what is written, if that is not a record.
-    `rules` are further ones of its schema.
+    with `when` is there only if the values read before it say so. The keys of an `inline` record stand beside it. `of`
+    is the attribute, or the function, that finds the value in what is written, if that is not a record. `rules` are
+    further ones of its schema.
     """
 
     name: str = ""

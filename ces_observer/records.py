@@ -112,7 +112,7 @@ def document_schema(record: Field, name: str) -> Schema:
 
 def record_schema(cls: type[Any], partial: bool = False) -> Schema:
     """Return the JSON Schema of a mapping that `read_record` reads; with `partial` (a `base`), no key is required."""
-    return Record(cls).describe(partial)
+    return Record(cls, partial=partial).schema
 
 
 def record_of(*own: Field) -> Record:
@@ -175,16 +175,24 @@ def _kind(hint: Any, made: Field) -> Any:
 class Record(Shape):
     """The fields of a dataclass by their keys, or without one, the fields `own`, read as a dictionary.
 
-    They are under one key if the dataclass has a `section`.
+    They are under one key if the dataclass has a `section`. A `partial` record needs no key, nor do the records in it:
+    it has the defaults of the dataclass.
     """
 
     cls: Any = None
     own: Mapping[str, Field] | None = None
+    partial: bool = False
 
     @property
     def fields(self) -> Mapping[str, Field]:
         """The fields by their names."""
         return record_fields(self.cls) if self.own is None else self.own
+
+    @property
+    def expected(self) -> str:  # type: ignore[override]  # of other shapes, it is always the same
+        """A phrase for what is read."""
+        choices = (one.kind.expected for one in self.fields.values() if one.inline and isinstance(one.kind, OneOf))
+        return next(choices, super().expected)
 
     @property
     def section(self) -> str:
@@ -213,6 +221,7 @@ class Record(Shape):
     def _read(self, value: Any, base: Any, complete: bool) -> Any:
         if not self.accepts(value):
             raise FieldError(f" is {quote(value)}; expected {self.expected}")
+        base = self.cls() if self.partial and base is None else base
         known = self._keys(value)
         for key in value:
             if key not in known:
@@ -240,24 +249,20 @@ class Record(Shape):
     @property
     def schema(self) -> Schema:
         """The JSON Schema."""
-        return self.describe()
-
-    def describe(self, partial: bool = False) -> Schema:
-        """Return the JSON Schema; with `partial`, no key is required."""
         properties, required, inline = dict[str, Schema](), list[str](), list[Schema]()
         for one in self.fields.values():
             if one.inline:
                 inline.append(one.kind.schema)
                 continue
-            is_section = partial and isinstance(one.kind, Record) and not one.many
-            properties[one.key] = one.kind.describe(partial) if is_section else one.schema
-            required += [one.key] if one.default is REQUIRED and one.when is None and not partial else []
+            is_section = self.partial and isinstance(one.kind, Record) and not one.many
+            properties[one.key] = replace(one.kind, partial=True).schema if is_section else one.schema
+            required += [one.key] if one.default is REQUIRED and one.when is None and not self.partial else []
         schema: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
         schema |= {"required": required} if required else {}
         if self.own is None:
             about = (self.cls.__doc__ or "").split("\n\n", maxsplit=1)[0].split("; raises", maxsplit=1)[0]
             schema |= {"description": about.replace("\n    ", " ").strip(), **getattr(self.cls, "schema_rules", {})}
-        schema = reduce(_join_schemas, inline, schema)
+        schema = reduce(_join_schemas, sorted(inline, key=lambda one: "allOf" in one), schema)
         above: Schema = {"type": "object", "properties": {self.section: schema}, "required": [self.section]}
         return above if self.section else schema
 

@@ -72,15 +72,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 139.7,
-    "ces_data": 86.3,
+    "ces_observer": 139.9,
+    "ces_data": 86,
     "ces_report": 11.6,
-    "ces_identify": 168.5,
-    "ces_rig": 57.5,
-    "ces_gap": 123.5,
+    "ces_identify": 168.1,
+    "ces_rig": 57.2,
+    "ces_gap": 123.2,
     "ces_iterate": 20.4,
     "ces_serve": 11.8,
-    "ces_cli": 57.5,
+    "ces_cli": 55.4,
     "bench": 81.4,
     "test": 475,
 }

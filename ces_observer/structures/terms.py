@@ -150,13 +150,10 @@ def define_factors(terms: Sequence[Term], constructed: Mapping[str, ConstructedI
     """Return the terms with the definitions of their factors; raises ModelError naming a factor without one."""
     defined = []
     for i, term in enumerate(terms):
-        factors = []
-        for j, factor in enumerate(term.factors):
-            try:
-                factors.append(factor.defined(constructed))
-            except ModelError as error:
-                raise ModelError(f"terms[{i}]: factors[{j}]: {error}") from None
-        defined.append(replace(term, factors=tuple(factors)))
+        try:
+            defined.append(replace(term, factors=tuple(factor.defined(constructed) for factor in term.factors)))
+        except ModelError as error:
+            raise ModelError(f"terms[{i}]: {error}") from None
     return tuple(defined)
 
 

@@ -28,7 +28,6 @@ from ces_iterate.plan import TEMPLATE as ITERATE_TEMPLATE
 from ces_iterate.plan import load_plan
 from ces_iterate.rigs.kinds import open_rig
 from ces_observer.errors import CesError
-from ces_rig.experiment import KEYS as EXPERIMENT_KEYS
 from ces_rig.experiment import load_description, load_experiment
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -228,11 +227,6 @@ def test_what_the_loader_refuses_the_schema_refuses(
     with pytest.raises(CesError):
         LOADERS[name](file)
     assert faults(name, text)
-
-
-@pytest.mark.parametrize(("name", "keys"), [("experiment", EXPERIMENT_KEYS)])
-def test_schema_and_loader_know_the_same_keys(name: str, keys: tuple[str, ...]) -> None:
-    assert set(schema_of(name)["properties"]) == set(keys)
 
 
 def test_every_axis_of_a_campaign_has_a_schema_that_agrees() -> None:
