@@ -15,7 +15,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))  # the modules below need the standard library only
 
 from ces_cli.main import PROGRAMS  # noqa: E402
-from ces_identify.export.c_extension import C_FLAGS, write_extension  # noqa: E402
+from ces_identify.export.c_printer import C_FLAGS, write_extension  # noqa: E402
 from ces_observer import __version__  # noqa: E402
 
 NAME = "ces_observer"
@@ -26,7 +26,7 @@ CAN = ["cantools>=39.4", "python-can>=4.3"]
 ROS_PROGRAMS = [
     f"observer = {NAME}.nodes.observer:main",
     f"controller = {NAME}.nodes.controller:main",
-    *(f"{program} = ces_cli.ros_program:main" for program in PROGRAMS),
+    *(f"{program} = ces_cli.main:run_for_ros" for program in PROGRAMS),
 ]
 
 
@@ -115,12 +115,10 @@ setup(
             "**/*.js",
         ],
         "ces_report": ["*.j2", "*.css", "*.js"],
-        "ces_cli": ["**/*.j2", "**/*.css"],
-        "ces_rig": ["**/*.yaml"],
+        "ces_cli": ["**/*.j2", "**/*.css", "desk/templates/*"],
+        "ces_rig": ["**/*.yaml", "**/*.j2"],
         "ces_data": ["**/*.yaml"],
-        "ces_iterate": ["**/*.yaml", "**/*.j2", "**/*.css"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
-        "ces_serve": ["templates/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

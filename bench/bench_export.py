@@ -23,7 +23,7 @@ from bench_free_run import FITTED, PHYSICAL, ten_terms
 from measurement import median_seconds, processor
 from numpy.typing import NDArray
 
-from ces_identify.export.export_c import export_c
+from ces_identify.export.export_model import export_c
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial

@@ -13,7 +13,7 @@ import numpy as np
 from measurement import median_seconds, time_interleaved
 
 from ces_identify.numerics.kernels import free_run
-from ces_identify.polynomial.compiled_terms import compile_terms
+from ces_identify.polynomial.problem import compile_terms
 from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term

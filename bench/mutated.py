@@ -30,7 +30,7 @@ from ces_data.checks.check import find_all_faults
 from ces_data.checks.motion import is_constant
 from ces_data.recording import Recording
 from ces_identify.identification import identify
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.numerics.search import Limits
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import VALIDATION, evaluate

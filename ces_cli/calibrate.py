@@ -8,11 +8,10 @@ from pathlib import Path
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import HELP, find_bags, open_simulation
 from ces_cli.terminal.options import FIT, HELD_OUT, JSON, OVERWRITE, REAL, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.progress import DiagnoseProgress
-from ces_cli.terminal.recordings import find_bags
-from ces_cli.terminal.simulations import HELP, open_simulation
 from ces_gap.augmented import name_simulation
 from ces_gap.calibrate.calibration import Calibration, calibrate
 from ces_gap.inputs.checks import check_recordings
@@ -65,9 +64,10 @@ def make_parser() -> terminal.Parser:
     return terminal.parser(
         "calibrate",
         "Fit the named parameters of a simulation to recordings of the real damper: numbers among the keyword-only "
-        "arguments of a Python function (*, seal_N=25.0), or the parameters of an FMU. Says each with its interval, "
-        "which are not determined or move together, how far the gap shrinks on data left out, and which effect is "
-        f"missing beside them. Writes {FILE}, itself a SIM, and report.html.",
+        "arguments of a Python function (*, seal_N=25.0), the parameters of an FMU, or valves, oil, gas and friction "
+        "of a hydraulic model. Says each with its interval, which are not determined or move together, how far the "
+        f"gap shrinks on data left out, and which effect is missing beside them. Writes {FILE}, itself a SIM, and "
+        "report.html.",
         "ces calibrate --sim simulator:force --real worn/* --out fitted\n"
         "  ces calibrate --sim simulator:force --real worn/* --fit seal_N knee_m_s=0.05..0.3 --out fitted",
         Option("sim", meaning=HELP, metavar="SIM"),

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bags, find_file, open_simulation, print_findings, with_predictions
 from ces_cli.terminal.options import JSON, OVERWRITE, PART, REPORT, SIGNALS, Argument
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs
-from ces_cli.terminal.recordings import find_bags, print_findings
-from ces_cli.terminal.simulations import find_file, open_simulation, with_predictions
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.comparison import comparison_report

@@ -14,12 +14,12 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.options import ALL, JSON, Argument, never_with
 from ces_cli.terminal.outputs import print_document, require_folder, schema_line
 from ces_cli.terminal.progress import LiveBar
-from ces_identify.polynomial.search_limits import SearchResult
-from ces_iterate.loop.iterate import IterateListener, Iterations
-from ces_iterate.loop.store import MODEL, PLAN, REPORT, Iteration, keep_plan
-from ces_iterate.plan import TEMPLATE, load_plan
-from ces_iterate.rigs.kinds import open_rig
+from ces_identify.numerics.search import SearchResult
 from ces_observer.options import Option
+from ces_rig.loop.iterate import IterateListener, Iterations
+from ces_rig.loop.plan import TEMPLATE, load_plan
+from ces_rig.loop.rigs import open_rig
+from ces_rig.loop.store import MODEL, PLAN, REPORT, Iteration, keep_plan
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -75,7 +75,7 @@ def _iterate(path: Path, out: Path, as_json: bool) -> None:
 
 
 def _write_results(iterations: Iterations) -> None:
-    from ces_iterate.page import write_page
+    from ces_rig.loop.page import write_page
 
     if iterations.done.model is not None:
         iterations.done.model.save(iterations.out / MODEL)

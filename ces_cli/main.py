@@ -1,20 +1,27 @@
-"""The program `ces`: finds the subcommand's module, imports only that, and runs it."""
+"""The program `ces`, and what `ros2 run ces_observer NAME` starts: finds the program's module and imports only that.
+
+With `--ros-args`, which ros2 launch always adds, `identify` and `rig` run as nodes; `rig` also without any arguments.
+"""
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import os
+import shutil
 import signal
 import sys
+import tempfile
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
-from ces_cli.terminal.compiled_code import require_folder_for_compiled_code
 from ces_identify.jobs import end_process
 
 ProgramTable = Mapping[str, tuple[str, str]]
@@ -32,7 +39,7 @@ PROGRAMS: ProgramTable = {  # module and summary by name
     "iterate": ("iterate", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
     "compare": ("compare", "compare models on the same recordings: costs, and whether they differ"),
-    "serve": ("serve", "browse models, reports and results of a folder as pages"),
+    "serve": ("desk.program", "browse models, reports and results of a folder as pages"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
     "export-data": ("bags.export_data", "write recordings and a model's estimates as CSV or Parquet"),
@@ -42,12 +49,17 @@ PROGRAMS: ProgramTable = {  # module and summary by name
         "diagnose.program",
         "find where a simulation differs from reality and which missing effect is the cause",
     ),
-    "blind": ("blind.program", "create, run and score blind tests of the diagnosis (synthetic data)"),
+    "blind": ("blind", "create, run and score blind tests of the diagnosis (synthetic data)"),
     "schema": ("schema", "print the JSON Schema of a kind of YAML file, for editors"),
 }
 ROS_ARGS = "--ros-args"
 ENDS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 M_MMAP_THRESHOLD, LARGE = -3, 4 << 20  # of malloc.h, and bytes: larger arrays are given back at once
+# what no node of a vehicle imports
+DESK = ("numpy", "scipy", "numba", "jinja2", "rich", "yaml", "joblib", "rosbags", "mcap")
+NODES = {"identify": "ces_cli.identify.node", "rig": "ces_rig.live.node"}
+CACHE_VARIABLE = "NUMBA_CACHE_DIR"
+PACKAGE = Path(__file__).resolve().parents[1] / "ces_identify" / "numerics"
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # the environment's own values win
 
 
@@ -110,11 +122,65 @@ def _run_program(name: str, module: str, words: Sequence[str]) -> int:
             signal.signal(number, before[number] or signal.SIG_DFL)
 
 
+def require_folder_for_compiled_code() -> None:
+    """Set NUMBA_CACHE_DIR to a folder of this run if none of the usual folders can be written, with a warning.
+
+    Without any such folder Numba ends a program while its modules are imported.
+    """
+    if any(map(_is_writable, _usual_folders())):
+        return
+    folder = tempfile.mkdtemp(prefix="ces_observer_")  # private: code is loaded from it
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ[CACHE_VARIABLE] = folder
+    text = "compiled code is kept for this run only, because neither the package nor the home can be written"
+    print(f"warning: {text}; name a folder in {CACHE_VARIABLE} to start faster", file=sys.stderr)
+
+
+def _usual_folders() -> Iterator[Path]:
+    if os.environ.get(CACHE_VARIABLE):
+        yield Path(os.environ[CACHE_VARIABLE])
+    yield PACKAGE / "__pycache__"
+    yield Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "numba"
+
+
+def _is_writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except (OSError, RuntimeError):  # no home at all
+        return False
+    return True
+
+
 def _quit(number: int, frame: FrameType | None) -> NoReturn:
     ended = f"ended by {signal.Signals(number).name}; finished results are kept"
     with suppress(OSError):  # the terminal may be gone
         os.write(2, b"ces: interrupted\n" if number == signal.SIGINT else f"ces: {ended}\n".encode())
     end_process(number)
+
+
+def run_for_ros() -> int:
+    """Run the node or program named by this process's executable; returns the exit status."""
+    name, words = Path(sys.argv[0]).name, sys.argv[1:]
+    if missing := [library for library in DESK if find_spec(library) is None]:
+        cure = "run 'rosdep install --from-paths src --ignore-src' without CES_VEHICLE, and 'pip install rosbags mcap'"
+        print(f"ces {name}: error: not installed: {', '.join(missing)}, as on a vehicle; {cure}", file=sys.stderr)
+        return 2
+    if not is_node(name, words):
+        return main([name, *words])
+    signal.signal(signal.SIGINT, _end_start)
+    status: int = import_module(NODES[name]).main(sys.argv)
+    return status
+
+
+def _end_start(number: int, frame: FrameType | None) -> NoReturn:
+    """End in order at Ctrl-C while modules are imported; the node installs its own handler later."""
+    os._exit(0)
+
+
+def is_node(name: str, words: Sequence[str]) -> bool:
+    """Return whether NAME runs as a node with these arguments."""
+    return name in NODES and (ROS_ARGS in words or (name == "rig" and not words))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_observer.options import Option
 from ces_rig.errors import RigError
-from ces_rig.experiment import find_experiment, load_experiment, packaged_experiments, run, with_seed
+from ces_rig.experiments.virtual import find_experiment, load_experiment, packaged_experiments, run, with_seed
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -17,8 +17,6 @@ from ces_gap.report.gap_json import gap_schema
 from ces_identify.campaign.plan import FILE as CAMPAIGN
 from ces_identify.polynomial.rules_file import rules_schema
 from ces_identify.schema_files import ABOUT
-from ces_iterate import plan as iterate_plan
-from ces_iterate.rigs.kinds import RIG_SETTINGS
 from ces_observer.fields import Field, Schema
 from ces_observer.json_text import write_atomically
 from ces_observer.nodes import parameter_table
@@ -26,10 +24,12 @@ from ces_observer.options import Option
 from ces_observer.records import OneOf, record_schema
 from ces_observer.signals import FIELDS, NAMES, UNITS
 from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.kinds import HYDRAULIC, LUMPED
-from ces_rig.experiment import Experiment
+from ces_rig.dampers.stepper import HYDRAULIC, LUMPED
+from ces_rig.experiments.virtual import Experiment
 from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
 from ces_rig.live.rig import OF_THE_RIG
+from ces_rig.loop.plan import Plan
+from ces_rig.loop.rigs import RIG
 
 DAMPERS = Field(kind=str, many=True, meaning=parameter_table.DAMPERS_MEANING).schema
 ROS = {
@@ -41,10 +41,9 @@ ROS_DOTTED: dict[str, Schema] = {rf"^({'|'.join(parameter_table.OF_ROS)})\.": {}
 SIGNAL_SETTINGS: dict[str, Schema] = {name: one.schema for name, one in FIELDS.items()}
 
 
-def mapping_of(properties: Mapping[str, Schema], required: Sequence[str] = (), about: str = "") -> Schema:
+def mapping_of(properties: Mapping[str, Schema], about: str = "") -> Schema:
     """Return the schema of a mapping with these keys and no others."""
     schema: Schema = {"type": "object", "properties": dict(properties), "additionalProperties": False}
-    schema |= {"required": list(required)} if required else {}
     return schema | ({"description": about} if about else {})
 
 
@@ -121,9 +120,8 @@ def damper_schema() -> Schema:
 
 def iterate_schema() -> Schema:
     """Return the schema of a plan for `ces iterate`."""
-    properties = dict(record_schema(iterate_plan.PlanSettings)["properties"])
-    properties["rig"] = OneOf(RIG_SETTINGS).schema
-    return mapping_of({key: properties[key] for key in iterate_plan.KEYS}, ("limits", "rig"))
+    schema = record_schema(Plan)
+    return {**schema, "properties": {**schema["properties"], "rig": RIG.schema}}
 
 
 def observer_schema() -> Schema:

@@ -200,13 +200,18 @@ def augmented_text(
     return json.dumps({"schema": SCHEMA, **write_record(file)}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def is_augmented(path: Path) -> bool:
-    """True if the file is JSON of at most `MAX_BYTES` with the schema of an augmented simulation."""
+def has_schema(path: Path, name: str) -> bool:
+    """True if the file is JSON of at most `MAX_BYTES` with a version of the schema `name`."""
     try:
         document = parse_json(read_bounded(path, MAX_BYTES), str(path))
     except (OSError, ModelError):
         return False
-    return isinstance(document, Mapping) and str(document.get("schema", "")).startswith("ces-augmented/")
+    return isinstance(document, Mapping) and str(document.get("schema", "")).startswith(f"{name}/")
+
+
+def is_augmented(path: Path) -> bool:
+    """True if the file is that of an augmented simulation."""
+    return has_schema(path, "ces-augmented")
 
 
 def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:

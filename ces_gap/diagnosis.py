@@ -137,6 +137,8 @@ def describe_correction(diagnosis: Diagnosis) -> str:
     """Return the words that tell the corrected gap from the original one where the correction takes a part of it."""
     if not diagnosis.gap.corrected_N < MIN_CORRECTED * diagnosis.gap.rms_N:
         return ""
+    if PARAMETERS in diagnosis.composition.effects:
+        return " that the parameters leave"
     return " beyond the timing of its inputs" if diagnosis.correction is None else " beyond the simulation's own error"
 
 
@@ -258,8 +260,8 @@ def _describe_ambiguity(diagnosis: Diagnosis) -> str:
         imitated = [e for e in effects if e in diagnosis.not_separable]
         return f"{_join(imitated or effects, 'and')} may be an error of the simulation itself"
     if diagnosis.doubt == REMAINS:
-        learnt = _newtons(diagnosis.ceiling_after_N)
-        return f"something else remains beside {_join(effects, 'and')}, as a learner without physics leaves {learnt}"
+        rest = f", as a learner without physics leaves {_newtons(diagnosis.ceiling_after_N)}"
+        return f"something else remains beside {_join(effects, 'and')}{'' if diagnosis.rare else rest}"
     return {
         NOT_CONFIRMED: "the held-out recordings do not confirm the best explanation",
         UNDETERMINED: "the interval of an effect's size includes no effect",

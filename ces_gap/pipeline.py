@@ -12,12 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ces_data.recording import Recording
+from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
 from ces_gap.calibrate.calibration import FreedParameters, free_parameters
 from ces_gap.calibrate.choice import VISIBLE
-from ces_gap.calibrate.fitting import white_noise_N
+from ces_gap.calibrate.fitting import unexplained_N
 from ces_gap.calibrate.free import NONE
-from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library, require_sound
 from ces_gap.effects.simulation_errors import SampleTiming, simulation_errors
@@ -65,6 +66,7 @@ class _Stages:
     findings: SearchFindings
     scores: HeldOutScores
     judgement: Judgement
+    freed: bool  # whether parameters changed the simulation
 
 
 def diagnose(
@@ -81,7 +83,7 @@ def diagnose(
     The result is validated on `held_out`, or on a part of `real`; `reference` recordings teach the baseline error.
     `progress` receives each step and the share of it that is done. Raises CesError if a diagnosis is not possible.
     """
-    options, optional = options or DiagnoseOptions(), OptionalSteps()
+    options, optional, original = options or DiagnoseOptions(), OptionalSteps(), simulation
     physics = (*library(), *options.effects)
     needs_twin = any(effect.edits for effect in physics)
 
@@ -118,17 +120,24 @@ def diagnose(
     scores = score_held_out(inputs, baseline, result, findings, options.seed, progress)
     judgement = judge(collect_evidence(findings, scores))
     scores = apply_judgement(scores, judgement)
-    stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement)
+    stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement, bool(chosen.freed))
     diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
-    diagnosis = replace(diagnosis, notes=(*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes))
-    return with_parameters(diagnosis, chosen)
+    diagnosis = with_parameters(diagnosis, chosen)
+    if options.experiment and diagnosis.verdict == AMBIGUOUS:
+        progress("choosing the next experiment", 0.0)
+        plant, known = Plant(DirectSimulator(original), twin=inputs.twin), diagnosis.next_experiment
+        among = inputs.real, chosen.pairs, unexplained_N(inputs.real)
+        proposed = optional.run("next experiment", lambda: propose_experiment(plant, *among), None)
+        diagnosis = replace(diagnosis, next_experiment=proposed or known)
+    notes = (*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes)
+    return replace(diagnosis, notes=notes)
 
 
 def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: DiagnoseOptions) -> float | None:
-    """Return the share of the force up to which a gap is none: where parameters competed alone, twice the noise."""
+    """Return the share of the force up to which a gap is none: where parameters competed alone, twice their rest."""
     if options.tolerance is not None or not chosen.competed or chosen.effect:
         return options.tolerance
-    return VISIBLE * white_noise_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
+    return VISIBLE * unexplained_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
 
 
 def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:
@@ -145,7 +154,9 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
     progress("locating the gap", 0.0)
     location = optional.run(
         "location of the gap",
-        lambda: locate_gap(result.evidence, scores.series, options.seed, with_rest=judgement.verdict == UNKNOWN),
+        lambda: locate_gap(
+            result.evidence, scores.series, options.seed, judgement.verdict == UNKNOWN, of_original=stages.freed
+        ),
         NOWHERE,
     )
     experiment = None
@@ -194,5 +205,5 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
         correction=baseline.correction,
         figures=findings.figures,
         probe=inputs.probe,
-        rare=scores.rare,
+        rare=scores.rare if judgement.verdict in (NO_GAP, UNKNOWN) else scores.rare_left,
     )

@@ -24,6 +24,7 @@ from ces_gap.grid import (
     find_low_pass_Hz,
     interpolate,
     lay_base_grid,
+    rms,
     smooth_out,
     thin_out,
     without_edges,
@@ -237,6 +238,12 @@ def noise_floor_N(traces: Sequence[Trace], as_logged: bool = False) -> float:
     """Return the RMS [N] of the measured noise of several traces together, on the grid or of the samples as logged."""
     shares = [t.measured_noise.passes if as_logged else 1.0 for t in traces]
     return float(np.sqrt(np.mean([(t.noise_N / share) ** 2 for t, share in zip(traces, shares, strict=True)])))
+
+
+def gap_N(traces: Sequence[Trace], forces: Sequence[F], noise_N: float) -> float:
+    """Return the RMS [N] of measured minus modelled force (n,) on the usable ticks, less that of the noise."""
+    error = usable_values(traces, [t.force - force for t, force in zip(traces, forces, strict=True)])
+    return float(np.sqrt(max(rms(error) ** 2 - noise_N**2, 0.0)))
 
 
 def own_error_N(traces: Sequence[Trace]) -> float:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ces_identify.characteristics.rows import Characteristics
     from ces_identify.comparison.comparison import Comparison
     from ces_identify.identification import IdentificationResult
-    from ces_identify.polynomial.search_limits import Limits
+    from ces_identify.numerics.search import Limits
     from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
     from ces_identify.structures.kit import IdentifyOptions
     from ces_identify.validation.evaluate import Evaluation
@@ -45,7 +45,7 @@ __getattr__ = import_on_use(
     "ces_identify.comparison.comparison": ("Comparison",),
     "ces_identify.characteristics.rows": ("Characteristics",),
     "ces_identify.identification": ("IdentificationResult",),
-    "ces_identify.polynomial.search_limits": ("Limits",),
+    "ces_identify.numerics.search": ("Limits",),
     "ces_data.reading": ("read_log", "read_recording"),
     "ces_data.recording": ("Channel", "Recording"),
     "ces_identify.simulations.simulation": ("FunctionSimulation", "ModelSimulation", "Simulation"),

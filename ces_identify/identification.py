@@ -1,36 +1,51 @@
-"""Identification from end to end: recordings in, a model with its costs out.
+"""Identification from end to end, and with data left out: recordings in, a model with its costs out.
 
 The steps: sampling from the positions, preparation, fit of a structure, and evaluation on held-out data.
+
+Cross-validation holds each fold out once and evaluates a model identified on the others on it. A single recording is
+cut into as many stretches as folds; the parts before and after a held-out stretch become two recordings, so that no
+model runs across the cut.
+
+A model is closer to the recordings that it was fitted to than to others. The error that it makes on recordings like
+these is that of models that have not seen them: `cross_fit` identifies one model on all recordings, and fits it again
+without each recording, or without stretches of a single one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F
+from ces_data.arrays import F, Mask
 from ces_data.checks.content import marks_of_copies, require_distinct
 from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.recording import Recording
 from ces_data.samples import without_spikes
-from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchResult
+from ces_identify.limits import FoldLimits, ResultLimits, TickLimits
+from ces_identify.numerics.correlation import noise_rms
+from ces_identify.numerics.search import INTERRUPTED, Listener, SearchResult
 from ces_identify.prepare.sampling import choose_motion, choose_sampling
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import run_batch
 from ces_identify.structures.forgetting import find_forgetting
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
-from ces_identify.trained.training import build_training
-from ces_identify.validation.band import fit_band
+from ces_identify.training import build_training
+from ces_identify.validation.band import fit_band, masks_by_recording, masks_by_stretch
 from ces_identify.validation.cost_table import RULE, cost_table, usage
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
     VALIDATION,
+    CostInterval,
     Evaluation,
+    cost_interval,
     describe_size,
     evaluate,
     pooled_cost,
@@ -40,12 +55,8 @@ from ces_observer.errors import CesError, RecordingError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 
-UNEXPLAINED_J, WITHOUT_SPEED_J = 60.0, 30.0  # [%] beyond the noise; of a polynomial without the speed
 UNLIKE_FORCE = "the force does not follow these signals: check that topics, signs and damper are the right ones"
-ALL_TICKS, MAX_TICKS = 600_000, 300_000  # that are used; of more, one minute in three, four, ... of long recordings
-STRETCHES = "identified_on"  # key of the provenance
-MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
-AGREEMENT, AGREEMENT_J = 1.25, 0.5  # a model's J over the one shown for it, and [%] beside: a last fit changes less
+THINNED = "identified_on"  # key of the provenance
 COSTS = "cost_J_percent"  # key of the provenance
 
 
@@ -91,17 +102,13 @@ class IdentificationResult:
         if stopped or "weights" in self.model.provenance["selection"]:
             return ""
         cost = pooled_cost(fitted)
-        noise = max(_noise_share(e.series.force[e.series.scored]) for e in fitted)
-        if not cost**2 < UNEXPLAINED_J**2 + (100.0 * noise) ** 2:
+        forces = [e.series.force[e.series.scored] for e in fitted]
+        noise = max(noise_rms(force) / float(force.std()) for force in forces)
+        if not cost**2 < ResultLimits.UNEXPLAINED_J**2 + (100.0 * noise) ** 2:
             return f"the model explains nothing of the force: J is {cost:.1f} % on the data that it was fitted to"
-        if cost > WITHOUT_SPEED_J and not _follows_motion(self.model):
+        if cost > ResultLimits.WITHOUT_SPEED_J and not _follows_motion(self.model):
             return f"no term of the model follows the motion, and J is {cost:.1f} % on the data that it was fitted to"
         return ""
-
-
-def _noise_share(force: F) -> float:
-    """Return the RMS of the white noise in a force (n,), by its third differences, over its standard deviation."""
-    return float(1.4826 * np.median(np.abs(np.diff(force, 3))) / np.sqrt(20.0) / force.std())
 
 
 def _follows_motion(model: Model) -> bool:
@@ -150,11 +157,11 @@ def _identify_at(
     whole = [prepare(without_spikes(r, split), sampling, has_spikes=False) for r in recordings]
     identified = [series.part(0.0, split) for series in whole]
     total = sum(map(len, identified))
-    every, everything = -(-total // MAX_TICKS) if total > ALL_TICKS else 1, identified
+    every, everything = -(-total // TickLimits.MAX) if total > TickLimits.ALL else 1, identified
     identified = [series.thin(every) for series in identified]
     thinned = sum(map(len, identified)) < total
-    if (scored := sum(int(series.scored.sum()) for series in identified)) < MIN_SCORED_TICKS:
-        text = f"{scored} ticks with a measured force past warm-up; expected at least {MIN_SCORED_TICKS}"
+    if (scored := sum(int(series.scored.sum()) for series in identified)) < TickLimits.MIN_SCORED:
+        text = f"{scored} ticks with a measured force past warm-up; expected at least {TickLimits.MIN_SCORED}"
         raise RecordingError(f"{', '.join(s.name for s in whole)}: {text}: record longer (are the times in s?)")
     fitted = fitter(identified, sampling, options, listener)
     require_shown_cost(fitted, identified, options)
@@ -162,7 +169,7 @@ def _identify_at(
     band = fit_band(fitted.model, identified, *how) if options.band else None
     model = replace(with_forgetting(fitted.model, identified, options.forget), band=band)
     rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
-    held_out = [series for series in rest if series.scored.sum() >= MIN_SCORED_TICKS]
+    held_out = [series for series in rest if series.scored.sum() >= TickLimits.MIN_SCORED]
     held_out += [prepare(recording, sampling) for recording in validation]
     evaluations = evaluate(model, everything, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
@@ -185,7 +192,7 @@ def _identify_at(
             "trials": sum(result.trials for result in fitted.results),
             "ended": fitted.results[0].ended,
             **({"weights": str(options.weight)} if options.weight else {}),
-            **({STRETCHES: f"one minute in {every} of these long recordings"} if thinned else {}),
+            **({THINNED: f"one minute in {every} of these long recordings"} if thinned else {}),
         },
     }
     return IdentificationResult(replace(model, provenance=provenance), tuple(evaluations), tuple(fitted.results))
@@ -196,7 +203,7 @@ def require_shown_cost(fitted: Fitted, series: Sequence[Series], options: Identi
     training = build_training(series, options.weight)
     cost = training.cost(run_batch(fitted.model, training.inputs, training.segments)[0], training.selection)
     shown = fitted.results[0].cost
-    if not cost <= AGREEMENT * shown + AGREEMENT_J:
+    if not cost <= ResultLimits.AGREEMENT * shown + ResultLimits.AGREEMENT_J:
         raise CesError(
             f"the search showed J {shown:.2f} %, and its model has {cost:.2f} % on the same seconds: its fit leaves "
             "out some of them; take another structure, and report this"
@@ -224,3 +231,149 @@ def count_starts(results: Sequence[SearchResult]) -> int:
 
 def _describe_origin(recording: Recording) -> dict[str, str]:
     return {"recording": recording.name, "sha256": recording.sha256}
+
+
+Identifier = Callable[[Sequence[Recording], Sequence[Recording], IdentifyOptions], IdentificationResult]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Recordings for identification, and those held out."""
+
+    identification: tuple[Recording, ...]
+    held_out: tuple[Recording, ...]
+
+
+@dataclass(frozen=True)
+class HeldOutCost:
+    """A held-out recording: its fold, the cost J [%] and its interval, and the size of the model."""
+
+    fold: int
+    recording: str
+    cost: float
+    interval: CostInterval | None
+    model: str
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """The held-out costs of all recordings."""
+
+    rows: tuple[HeldOutCost, ...]
+
+    @property
+    def mean(self) -> float:
+        """Mean J [%] over the recordings; infinite if a free run diverged."""
+        return float(np.mean([row.cost for row in self.rows]))
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation (n - 1) of J [%]; infinite after a divergence. No error of the mean: folds share data."""
+        costs = [row.cost for row in self.rows]
+        return float(np.std(costs, ddof=1)) if np.isfinite(costs).all() else float("inf")
+
+
+def cross_validate(
+    recordings: Sequence[Recording], folds: int, identify: Identifier, options: IdentifyOptions
+) -> CrossValidation:
+    """Return the held-out costs of `folds` identifications; raises CesError, also for too few recordings."""
+    options, rows = replace(options, split=1.0), []
+    for number, fold in enumerate(split_folds(recordings, folds), 1):
+        result = identify(fold.identification, fold.held_out, options)
+        tests = (e for e in result.evaluations if e.role == VALIDATION)
+        rows += [HeldOutCost(number, e.name, e.cost, cost_interval([e]), result.model.size) for e in tests]
+    return CrossValidation(tuple(rows))
+
+
+def split_folds(recordings: Sequence[Recording], folds: int) -> list[Fold]:
+    """Return the folds: recordings in turn, or stretches of a single one. Raises CesError if there are too few."""
+    if folds < 2:
+        raise CesError(f"--folds {folds}: expected at least 2")
+    if len(recordings) == 1:
+        return list(_cut_into_folds(recordings[0], folds))
+    if folds > len(recordings):
+        raise CesError(
+            f"--folds {folds}: {len(recordings)} recordings; expected at most as many folds (or a single recording, "
+            "which is cut into stretches)"
+        )
+    numbered = list(enumerate(recordings))
+    return [
+        Fold(tuple(r for i, r in numbered if i % folds != k), tuple(r for i, r in numbered if i % folds == k))
+        for k in range(folds)
+    ]
+
+
+def cut_recording(recording: Recording, start_ns: int, stop_ns: int) -> Recording:
+    """Return the samples with stamps from `start_ns` up to `stop_ns` as a recording."""
+    channels = {
+        name: channel.select((channel.stamps_ns >= start_ns) & (channel.stamps_ns < stop_ns))
+        for name, channel in recording.channels.items()
+    }
+    origin = int(recording.channel("position").stamps_ns.min())
+    name = f"{recording.name} {(start_ns - origin) * 1e-9:.1f}-{(stop_ns - origin) * 1e-9:.1f} s"
+    return replace(recording, name=name, channels=channels)
+
+
+def _cut_into_folds(recording: Recording, folds: int) -> Iterator[Fold]:
+    stamps = recording.channel("position").stamps_ns
+    edges = np.linspace(stamps.min(), stamps.max() + 1, folds + 1).round().astype(np.int64).tolist()
+    if edges[1] - edges[0] < FoldLimits.MIN_STRETCH_S * 1e9:
+        raise CesError(
+            f"--folds {folds}: {recording.name} gives stretches of {(edges[1] - edges[0]) * 1e-9:.2f} s; expected at "
+            f"least {FoldLimits.MIN_STRETCH_S:g} s; use fewer folds"
+        )
+    for a, b in pairwise(edges):
+        rest = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
+        yield Fold(tuple(rest), (cut_recording(recording, a, b),))
+
+
+@dataclass(frozen=True)
+class LeftOutPart:
+    """A part of a recording (index), from `start_s` to `stop_s` after its first position sample, unseen by `model`."""
+
+    recording: int
+    start_s: float
+    stop_s: float
+    model: Model
+
+
+@dataclass(frozen=True)
+class CrossFit:
+    """A model identified on all recordings, and `models` that have not seen some `parts` of them."""
+
+    result: IdentificationResult
+    parts: tuple[LeftOutPart, ...]
+    models: tuple[Model, ...]
+
+
+def cross_fit(
+    recordings: Sequence[Recording], options: IdentifyOptions, listener: Listener, fitter: Fitter
+) -> CrossFit:
+    """Return a model of all recordings, and its refits without each part in turn (none failed); raises CesError."""
+    kept: list[tuple[Fitted, Sequence[Series]]] = []
+
+    def keep(series: Sequence[Series], sampling: Sampling, how: IdentifyOptions, listen: Listener) -> Fitted:
+        kept.append((fitter(series, sampling, how, listen), series))
+        return kept[-1][0]
+
+    result = identify(recordings, (), replace(options, split=1.0), listener, keep)
+    fitted, series = kept[-1]
+    masks = masks_by_stretch(series) if len(series) == 1 else masks_by_recording(series, FoldLimits.MAX_PARTS)
+    with ThreadPoolExecutor(max(1, options.limits.threads)) as pool:
+        found = list(pool.map(partial(_leave_out, fitted, series), masks))
+    parts = tuple(part for group in found for part in group)
+    return CrossFit(result, parts, tuple(group[0].model for group in found if group))
+
+
+def _leave_out(fitted: Fitted, series: Sequence[Series], masks: Sequence[Mask]) -> list[LeftOutPart]:
+    weights: F = np.where(np.concatenate(masks), 0.0, 1.0)
+    model = fitted.refit(weights) if fitted.refit is not None else None
+    if model is None:
+        return []
+    parts = []
+    for i, (one, mask) in enumerate(zip(series, masks, strict=True)):
+        if mask.any():  # a part reaches to infinity at the ends of its recording
+            start_s = -np.inf if mask[0] else float(one.time_s[mask][0])
+            stop_s = np.inf if mask[-1] else float(one.time_s[mask][-1]) + 1.0 / one.rate_Hz
+            parts.append(LeftOutPart(i, start_s, stop_s, model))
+    return parts

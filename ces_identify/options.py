@@ -11,7 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ces_identify.polynomial.search_limits import GAUSS_NEWTON, METHODS, Limits
+from ces_identify.numerics.search import GAUSS_NEWTON, METHODS, Limits
 from ces_identify.prepare.cost import FORMS
 from ces_identify.prepare.sampling import SPEEDS
 from ces_identify.structures import KITS

@@ -3,7 +3,7 @@
 `read_record` makes a record of a mapping, such as from YAML or JSON, `write_record` the mapping again, and
 `record_schema` its JSON Schema. An annotation is bool, int, float, str, Path, another record, Any, `X | None` (null),
 `tuple[X, ...]` (a list), `tuple[float, float]` (a range, [low, high]), or `Mapping[str, X]` (values by name). What it
-does not say is declared by `quantity`, `choice`, `setting` or `declare`; what no file has, by `in_files(None)`.
+does not say is declared by `quantity`, `choice`, `part` and the like; what no file has, by `in_files(None)`.
 
 A record whose values must fit together has a method `checked`, which returns it, or raises CesError.
 """
@@ -25,6 +25,7 @@ from ces_observer.json_text import quote
 from ces_observer.shapes import ByName, Either
 
 T = TypeVar("T")
+Of = str | Callable[[Any], Any]  # an attribute of what is written, or a function of it
 FIELD = "field"  # key in the metadata of a dataclass field
 
 
@@ -56,11 +57,6 @@ def quantity(
 def choice(default: Any, meaning: str, choices: tuple[str, ...], **settings: Any) -> Any:
     """Declare a dataclass field that is one of the words in `choices`."""
     return declare(Field(default=default, meaning=meaning, choices=choices, **settings))
-
-
-def setting(default: Any, meaning: str) -> Any:
-    """Declare a dataclass field that is a text, a truth value or a list of texts."""
-    return declare(Field(default=default, meaning=meaning))
 
 
 def bounded(low: float, high: float, meaning: str = "", default: Any = REQUIRED, **settings: Any) -> Any:
@@ -115,18 +111,15 @@ def record_schema(cls: type[Any], partial: bool = False) -> Schema:
     return Record(cls, partial=partial).schema
 
 
-def record_of(*own: Field) -> Record:
-    """Return the record of some fields, which is read as a dictionary."""
-    return Record(own={one.name: replace(one, key=one.key or one.name) for one in own})
-
-
-def record_fields(cls: Any) -> Mapping[str, Field]:
-    """Return the fields of a dataclass by name, with the kinds of its annotations; a list of numbers is not empty."""
-    return _find_fields(cls)
+def record_of(**keys: Field | tuple[Field, Of]) -> Field:
+    """Return the field of a mapping with these keys, read as a dictionary; a pair says where a value is found too."""
+    pairs = {key: value if isinstance(value, tuple) else (value, key) for key, value in keys.items()}
+    return Field(kind=Record(own={key: replace(one, name=key, key=key, of=of) for key, (one, of) in pairs.items()}))
 
 
 @cache
-def _find_fields(cls: Any) -> Mapping[str, Field]:
+def record_fields(cls: Any) -> Mapping[str, Field]:
+    """Return the fields of a dataclass by name, with the kinds of its annotations; a list of numbers is not empty."""
     hints, known = get_type_hints(cls), {}
     for f in fields(cls):
         made = f.metadata.get(FIELD, Field())
@@ -354,7 +347,8 @@ class OneOf(Shape):
 
 def walk_record(record: Any, prefix: str = "") -> Iterator[tuple[str, Any, Field]]:
     """Yield the path, value and field of every value in a record, such as `seal.coulomb_N`."""
-    for name, one in record_fields(type(record)).items():
+    cls: Any = type(record)
+    for name, one in record_fields(cls).items():
         value = getattr(record, name)
         if is_dataclass(value):
             yield from walk_record(value, f"{prefix}{name}.")

@@ -1,7 +1,7 @@
-"""Errors of the virtual rig."""
+"""Errors of rigs."""
 
 from ces_observer.errors import CesError
 
 
 class RigError(CesError):
-    """A damper or experiment description that cannot be used."""
+    """A description or plan that cannot be used, or a rig that did not record what was asked of it."""

@@ -40,10 +40,8 @@ def busy_search_clock() -> Iterator[pytest.MonkeyPatch]:
     """Let the clock of searches in this process stand still while the computer is busy with other work."""
     from busy_clock import BusyClock
 
-    from ces_identify.numerics import search_clock
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(search_clock, "time", BusyClock())
+        patch.setattr("ces_identify.numerics.search.time", BusyClock())
         yield patch
 
 

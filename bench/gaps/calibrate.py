@@ -28,8 +28,7 @@ from ces_gap.inference.odds import VerdictFigures, gap_features, unknown_feature
 from ces_gap.inference.search import MIN_GAIN_SHARE, NEGLIGIBLE_SHARE
 from ces_observer.json_text import write_atomically
 from ces_rig.blind.cases import open_seal
-from ces_rig.blind.outcome import Mode
-from ces_rig.blind.scoring import DECISION, GAP, find_modes
+from ces_rig.blind.scoring import DECISION, GAP, Mode, find_modes
 
 F = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from bench.measured.cases import dissipative
 from ces_data.reading import read_log
 from ces_data.recording import Recording
 from ces_identify.identification import identify
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.numerics.search import Limits
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
 from ces_identify.structures.auto import default_sizes, select_fitter
 from ces_identify.structures.kit import IdentifyOptions

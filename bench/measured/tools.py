@@ -21,7 +21,7 @@ from bench.measured.regressions import (
 )
 from bench.measured.ticks import Simulate, TickCase, cut_blocks, pooled_cost
 from bench.measurement import is_installed
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.numerics.search import Limits
 from ces_identify.prepare.series import Series
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS

@@ -10,7 +10,7 @@ from importlib import import_module
 
 from bench.reference.tables import as_text, codes, table
 from ces_cli.main import PROGRAMS
-from ces_cli.terminal.simulations import HELP as SIM
+from ces_cli.terminal.inputs import HELP as SIM
 
 SHARED_BY = 2  # programs from which on an option is described once, at the top
 DEFAULT = re.compile(r"[;,]? ?\(?default:? ([^()]*(?:\([^()]*\))?[^()]*?)\)?$")

@@ -37,7 +37,7 @@ from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_observer.model import Envelope
 from ces_rig.dampers.hydraulic.parameters import Hydraulic
 from ces_rig.dampers.stepper import simulate
-from ces_rig.experiment import (
+from ces_rig.experiments.virtual import (
     Experiment,
     describe_experiment,
     load_experiment,

@@ -25,20 +25,19 @@ from numpy.typing import NDArray
 from bench.measurement import print_note
 from ces_data.recording import Recording
 from ces_identify.identification import identify
+from ces_identify.numerics.search import GAUSS_NEWTON, Limits
+from ces_identify.numerics.search import THESIS as TO_THE_LETTER
 from ces_identify.polynomial.rules_file import load_rules
-from ces_identify.polynomial.search_limits import GAUSS_NEWTON, Limits
-from ces_identify.polynomial.search_limits import THESIS as TO_THE_LETTER
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.lagged import train
 from ces_identify.structures.network import NetworkFit, NetworkShape
-from ces_identify.trained.lagged_kernels import RegressorTable
-from ces_identify.trained.starts import train
-from ces_identify.trained.training import LagCounts, Training, build_training, delay_values
+from ces_identify.training import LagCounts, RegressorTable, Training, build_training, delay_values
 from ces_observer.errors import CesError
 from ces_observer.model import Model
-from ces_rig.experiment import Experiment, find_experiment, load_experiment, run, with_seed
+from ces_rig.experiments.virtual import Experiment, find_experiment, load_experiment, run, with_seed
 
 POLYNOMIAL, NETWORK, ANFIS = "polynomial", "sigmoid", "anfis"
 

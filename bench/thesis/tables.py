@@ -45,7 +45,7 @@ from bench.thesis.models import (
 from bench.thesis.plots import draw
 from ces_data.recording import Recording
 from ces_identify.prepare.series import prepare
-from ces_rig.experiment import run
+from ces_rig.experiments.virtual import run
 
 STORE = ROOT / "out" / "tables"
 FIGURE = ROOT / "docs/img/thesis_5_3.png"

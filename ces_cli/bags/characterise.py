@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import HELP, find_bags, open_simulation, print_findings, with_predictions
 from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
-from ces_cli.terminal.recordings import find_bags, print_findings
-from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
 from ces_data.arrays import F
 from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.page import PAGE, write_characteristics

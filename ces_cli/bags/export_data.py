@@ -10,9 +10,9 @@ import numpy as np
 
 from ces_cli.bags.replay import estimate_forces
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bags, print_findings
 from ces_cli.terminal.options import BAGS, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import require_outputs
-from ces_cli.terminal.recordings import find_bags, print_findings
 from ces_data.recording import Channel, Recording
 from ces_data.tables import FORMATS, require_writer, tabulate, write_table
 from ces_observer.errors import CesError

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bag
 from ces_cli.terminal.options import JSON, MODEL, ONE_BAG, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
-from ces_cli.terminal.recordings import find_bag
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.recording import Recording
 from ces_identify.prepare.series import hold_current, hold_motion

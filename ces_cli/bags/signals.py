@@ -9,9 +9,9 @@ from typing import Any
 from rich.console import Console
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bags
 from ces_cli.terminal.options import BAGS, JSON, OVERWRITE
 from ces_cli.terminal.outputs import print_document, require_outputs, schema_line
-from ces_cli.terminal.recordings import find_bags
 from ces_data.mapping.choice import Choice, Selection
 from ces_data.mapping.proposals import describe_scale, propose_signals
 from ces_data.mapping.rating import Rating

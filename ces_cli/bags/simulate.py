@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import HELP, find_bag, find_file, open_simulation, with_predictions
 from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
-from ces_cli.terminal.recordings import find_bag
-from ces_cli.terminal.simulations import HELP, find_file, open_simulation, with_predictions
 from ces_identify.simulations.simulate import sample_run
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.validation.evaluate import describe_held

@@ -12,10 +12,9 @@ from pathlib import Path
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bags, import_from_here, open_simulation, with_predictions
 from ces_cli.terminal.outputs import make_schemas, print_document, without_text
 from ces_cli.terminal.progress import DiagnoseProgress
-from ces_cli.terminal.recordings import find_bags
-from ces_cli.terminal.simulations import import_from_here, open_simulation, with_predictions
 from ces_data.recording import Recording
 from ces_gap.augmented import name_simulation
 from ces_gap.baseline.identified import MODEL, identify_baseline

@@ -9,10 +9,10 @@ from functools import partial
 from pathlib import Path
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import print_warnings, with_distinct_names
 from ces_cli.terminal.options import ALL, never_with, only_with
 from ces_cli.terminal.outputs import print_document, require_folder, without_text
 from ces_cli.terminal.progress import JobsProgress, report_failures, run_jobs
-from ces_cli.terminal.recordings import print_warnings, with_distinct_names
 from ces_data.checks.check import check_each, require_sound
 from ces_data.signals_file import load_signals
 from ces_identify.campaign.cell import compute_cell

@@ -9,9 +9,16 @@ from pathlib import Path
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, OptionRule
 from ces_cli.terminal.outputs import print_document, require_outputs, without_text
-from ces_identify.export.export_c import CORE, export_c, identifier, require_usable_names
-from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
-from ces_identify.export.flat_file import write_flat
+from ces_identify.export.export_model import (
+    CORE,
+    binary_path,
+    export_c,
+    export_fmu,
+    find_compiler,
+    identifier,
+    require_usable_names,
+    write_flat,
+)
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model, load_model

@@ -16,6 +16,14 @@ from typing import Any
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
 from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import (
+    find_bags,
+    find_file,
+    open_simulation,
+    print_warnings,
+    with_distinct_names,
+    with_teacher_force,
+)
 from ces_cli.terminal.options import (
     ALL,
     BAGS,
@@ -25,7 +33,6 @@ from ces_cli.terminal.options import (
 )
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import SearchProgress
-from ces_cli.terminal.recordings import find_bags, print_warnings, with_distinct_names
 from ces_cli.terminal.results import (
     cost_rows,
     fold_rows,
@@ -35,20 +42,26 @@ from ces_cli.terminal.results import (
     print_band,
     print_costs,
 )
-from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
 from ces_data.checks.check import check_together, require_sound
 from ces_data.checks.content import require_distinct
 from ces_data.compilation import CompilationNotice
 from ces_data.findings import Finding
 from ces_data.recording import Recording
 from ces_gap.augmented import file_of
-from ces_identify.folds import CrossValidation, cross_validate, split_folds
-from ces_identify.identification import STRETCHES, IdentificationResult, count_starts, identify
+from ces_identify.identification import (
+    THINNED,
+    CrossValidation,
+    IdentificationResult,
+    count_starts,
+    cross_validate,
+    identify,
+    split_folds,
+)
+from ces_identify.numerics.search import Limits
 from ces_identify.options import build_identify_options
 from ces_identify.polynomial.candidates import CandidateRules
 from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.rules_file import built_in_rules, load_rules
-from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion
 from ces_identify.structures import KITS
@@ -259,7 +272,7 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
         terminal.print_warning(line)
     _print_teacher(result)
     print(RULE)
-    if used := model.provenance["selection"].get(STRETCHES):
+    if used := model.provenance["selection"].get(THINNED):
         print(f"identified on {used}")
     print(f"{describe_starts(result, options)}; stopped: {result.search_results[0].ended}")
     if not any(e.role == VALIDATION for e in evaluations):

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.inputs import find_bags, print_findings, print_warnings, with_distinct_names
 from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, MODEL, OVERWRITE, PART, REPORT, SIGNALS, only_with
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, without_text
-from ces_cli.terminal.recordings import find_bags, print_findings, print_warnings, with_distinct_names
 from ces_cli.terminal.results import cost_rows, held_out_row, model_facts, print_band, print_costs
 from ces_data.checks.content import find_known_recording, require_once
 from ces_data.checks.units import MIN_ERROR, signs_against_model, unit_against_model

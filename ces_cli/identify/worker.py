@@ -22,7 +22,7 @@ from ces_cli.identify.process import READING, SEARCHING, WRITING
 from ces_cli.identify.program import make_parser, prepare_identification, write_report_page
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import BestResults
-from ces_identify.polynomial.search_limits import Limits, SearchResult
+from ces_identify.numerics.search import Limits, SearchResult
 from ces_identify.validation.evaluate import describe_size
 from ces_observer.errors import CesError
 

@@ -17,7 +17,7 @@ from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_identify.jobs import DONE, ResultsFolder, Row, Shared, Task, Work, run_on_this_machine
-from ces_identify.polynomial.search_limits import RUNNING, Limits, SearchResult
+from ces_identify.numerics.search import RUNNING, Limits, SearchResult
 from ces_observer.errors import CesError
 
 LOG_EVERY_S = 5.0

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from ces_cli.terminal.terminal import lay_out, make_table, print_table, print_warning
 from ces_data.samples import Coverage
-from ces_identify.folds import CrossValidation
+from ces_identify.identification import CrossValidation
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.validation.cost_table import NONE, cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (

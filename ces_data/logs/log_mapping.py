@@ -13,7 +13,7 @@ from ces_data.log_formats import LOG_FORMATS
 from ces_data.units import QUANTITIES, find_unit
 from ces_observer.errors import CesError
 from ces_observer.fields import Field, Schema
-from ces_observer.records import OneOf, choice, in_files, part, read_record, setting
+from ces_observer.records import OneOf, choice, in_files, part, read_record
 from ces_observer.shapes import ByName
 from ces_observer.signals import NAMES
 
@@ -53,7 +53,7 @@ def _compile(text: str) -> re.Pattern[str]:
 class Scaling:
     """How a number becomes one in SI units, by its unit, or by scale and offset."""
 
-    unit: str = setting("", "unit of the column, instead of scale and offset")
+    unit: str = part(default="", meaning="unit of the column, instead of scale and offset")
     given_scale: float | None = part(key="scale", default=None, meaning=SCALING, rules={"not": {"const": 0}})
     given_offset: float | None = part(key="offset", default=None, meaning=SCALING)
     schema_rules: ClassVar[Schema] = {

@@ -21,8 +21,8 @@ from ces_gap.errors import GapError
 from ces_gap.grid import rms
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, resample_to_grid
-from ces_identify.folds import cross_fit
-from ces_identify.polynomial.search_limits import Limits, SearchResult
+from ces_identify.identification import cross_fit
+from ces_identify.numerics.search import Limits, SearchResult
 from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import sample_force, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation

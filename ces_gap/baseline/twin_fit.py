@@ -19,12 +19,12 @@ from ces_gap.baseline.twin import Twin, count_steps, sample_inputs
 from ces_gap.grid import is_constant, rms
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, usable_values
+from ces_identify.numerics.search import Limits
 from ces_identify.physical.layout import read_scales
 from ces_identify.physical.physical_search import PhysicalFit, PhysicalSearch
-from ces_identify.polynomial.search_limits import Limits
 from ces_identify.schema_files import cache_folder
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
-from ces_identify.trained.training import Training
+from ces_identify.training import Training
 from ces_observer import __version__
 from ces_observer.errors import ModelError
 from ces_observer.json_text import write_atomically

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.calibrate.choice import ChosenExplanation, Hypothesis, choose
@@ -22,21 +21,24 @@ from ces_gap.calibrate.fitting import (
 )
 from ces_gap.calibrate.free import FreeParameters, choose_free
 from ces_gap.calibrate.parameters import find_groups
+from ces_gap.calibrate.remembered import RememberedSimulation
 from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.library import library
 from ces_gap.errors import GapError
-from ces_gap.grid import rms
 from ces_gap.inference.fit import NEAR_BOUND, Z95, EffectFit, Estimate, estimate_parameters
 from ces_gap.inference.held_out import HeldOutSeries
 from ces_gap.inputs.prepare import set_aside
 from ces_gap.progress import Progress, ignore_progress
-from ces_gap.trace import Trace, noise_floor_N, usable_values
+from ces_gap.trace import Trace, gap_N, noise_floor_N
 from ces_identify.simulations.simulation import Simulation
 
 SLOW_S = 0.5  # [s] of a run over all recordings: with a slower simulation, effects that run it again are not tried
 RUNS = 50  # for each parameter and one more, measured: about as often a fit with the choice runs the simulation
 MAX_UNASKED_S = 1200.0  # [s] for which a diagnosis fits parameters that the user has not named
 MIN_TOLD_S = 30.0  # [s] of work that is told before it begins
+DECLARED = (
+    "functions declare them by keyword-only arguments with defaults (*, seal_N=25.0); of models, hydraulic ones do"
+)
 WORSE = "the fitted values explain held-out recordings no better than the defaults, which are kept"
 OFF = 0.2  # of its default: a parameter that is off by as much is worth a remark where there is no gap
 DOUBTFUL = 3.0  # times its default or a third of it: beyond, a value is a doubt
@@ -83,15 +85,21 @@ class MissingEffect:
 
 @dataclass(frozen=True)
 class Alternative:
-    """What would explain the gap as well: other values of some parameters, an effect, or both."""
+    """What would explain the gap as well: other values of some parameters, which `freed` holds, an effect, or both."""
 
     parameters: tuple[FittedParameter, ...]
     effect: Setting | None
+    freed: Setting | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the parameters and of the effect."""
         return (*(p.name for p in self.parameters), *([] if self.effect is None else [self.effect.name]))
+
+    @property
+    def only(self) -> Setting | None:
+        """Its only setting; None if it has both."""
+        return None if self.effect and self.freed else self.effect or self.freed
 
 
 @dataclass(frozen=True)
@@ -129,13 +137,12 @@ def calibrate(
     """
     free = choose_free(simulation, fit, spec)
     if not free.numbers and not free.whole:
-        why = (
-            "; ".join(free.notes) or "a function declares them by keyword-only arguments with defaults (*, seal_N=25.0)"
-        )
+        why = "; ".join(free.notes) or DECLARED
         raise GapError(f"{spec}: no parameter to fit: {why}")
     progress("simulating", 0.0)
     fitted = open_logged(simulation, real)
     seconds = time_equal_calls(simulation, real, fitted, spec)
+    simulation = RememberedSimulation(simulation)
     held = open_logged(simulation, held_out)
     if not held:
         fitted, held = set_aside(fitted)
@@ -158,7 +165,7 @@ class FreedParameters:
     """What parameters explain of a gap: those that are `freed`, the effect beside them, and what does as well.
 
     `simulation` has their values, `setting` holds them for a composition (None if none is freed). They `competed` with
-    the effects unless there are none.
+    the effects unless there are none. `pairs` are explanations of one setting each that an experiment may separate.
     """
 
     simulation: Simulation
@@ -168,6 +175,7 @@ class FreedParameters:
     alternatives: tuple[Alternative, ...] = ()
     notes: tuple[str, ...] = ()
     competed: bool = False
+    pairs: tuple[tuple[Setting, Setting], ...] = ()
 
 
 def free_parameters(
@@ -196,16 +204,24 @@ def free_parameters(
         note = f"the parameters keep their values: to fit them takes{tell_time(runs, seconds).strip(':')}; {how}"
         return FreedParameters(simulation, notes=(*free.notes, note))
     progress(f"fitting the simulation's parameters{tell_time(runs, seconds)}", 0.0)
-    found = fit_parameters(simulation, free, traces if has_held_out else set_aside(traces)[0], {}, twin)
+    remembered, traces = RememberedSimulation(simulation), traces if has_held_out else set_aside(traces)[0]
+    found = fit_parameters(remembered, free, traces, {}, twin)
     tried = [e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > SLOW_S)]
     choice = choose(found, tried, progress)
-    best, freed = choice.best, tuple(estimate(found, choice.best))
-    alternatives = tuple(Alternative(tuple(estimate(found, h)), _setting_of(h)) for h in choice.alternatives)
-    setting = best.fit.composition.settings[0] if best.fit is not None and freed else None
-    changed, effect = simulation.with_values({p.name: p.value for p in freed}), best.effect.name if best.effect else ""
+    best, *others = (_as_alternative(found, h) for h in (choice.best, *choice.alternatives))
+    changed = simulation.with_values({p.name: p.value for p in best.parameters})
     whole = Hypothesis(found.determined, None, found.fit, 0.0)
-    notes = () if best.fit is not None else tuple(_note_hidden(p) for p in estimate(found, whole) if p.is_hidden)
-    return FreedParameters(changed, freed, setting, effect, alternatives, (*free.notes, *notes), competed=True)
+    hidden = [p for p in estimate(found, whole) if p.is_hidden] if choice.best.fit is None else []
+    return FreedParameters(
+        simulation=changed,
+        freed=best.parameters,
+        setting=best.freed,
+        effect=best.effect.name if best.effect else "",
+        alternatives=tuple(others),
+        notes=(*free.notes, *map(_note_hidden, hidden)),
+        competed=True,
+        pairs=tuple((best.only, other.only) for other in others if best.only and other.only),
+    )
 
 
 def _note_hidden(p: FittedParameter) -> str:
@@ -230,10 +246,10 @@ def _assemble(
     held = smooth_traces(simulation, held) if best.is_smoothed else held
     joint = None if fit is None or choice.best.effect is None else fit
     parameters, calibrated = (*_list_whole(best), *_list_numbers(best, choice)), simulation
-    noise_N, before_N = noise_floor_N(held), _gap_N(held, [t.simulated for t in held], noise_floor_N(held))
+    noise_N, before_N = noise_floor_N(held), gap_N(held, [t.simulated for t in held], noise_floor_N(held))
     changed = simulation.with_values({p.name: p.value for p in parameters})
     forces = [DirectSimulator(changed).force(t, t.inputs) for t in held]
-    after_N, notes = _gap_N(held, forces, noise_N), free.notes
+    after_N, notes = gap_N(held, forces, noise_N), free.notes
     if after_N < before_N or joint is not None:
         calibrated = changed
     else:
@@ -243,14 +259,18 @@ def _assemble(
     covariance = np.zeros((0, 0)) if fit is None else fit.covariance[: len(best.determined), : len(best.determined)]
     groups = find_groups(best.jacobian, covariance, best.determined, [p.name for p in best.effect.free])
     missing = None if joint is None else _describe_missing(joint, simulation, held, noise_N)
-    alternatives = tuple(Alternative(tuple(estimate(best, h)), _setting_of(h)) for h in choice.alternatives)
+    alternatives = tuple(_as_alternative(best, h) for h in choice.alternatives)
     series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
+    if isinstance(calibrated, RememberedSimulation):
+        calibrated = calibrated.changed
     facts = tuple(groups), before_N, after_N, noise_N, missing, alternatives, notes, best.is_smoothed, series
     return Calibration(spec, calibrated, parameters, *facts)
 
 
-def _setting_of(h: Hypothesis) -> Setting | None:
-    return None if h.fit is None or h.effect is None else h.fit.composition.settings[-1]
+def _as_alternative(found: ParameterFit, h: Hypothesis) -> Alternative:
+    settings = () if h.fit is None else h.fit.composition.settings
+    effect = settings[-1] if settings and h.effect is not None else None
+    return Alternative(tuple(estimate(found, h)), effect, settings[0] if settings and h.places else None)
 
 
 def _list_whole(best: ParameterFit) -> list[FittedParameter]:
@@ -282,8 +302,8 @@ def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
     for k, u, error in zip(h.places, h.fit.searched.tolist(), errors.tolist(), strict=False):
         p = found.effect.free[k]
         (low, high), (first, last) = p.search_bounds(), sorted(map(p.to_value, (u - error, u + error)))
-        near = NEAR_BOUND * (high - low)
-        stuck = u - low < near or high - u < near
+        near, start = NEAR_BOUND * (high - low), p.to_search(p.starts[0])
+        stuck = (u - low < near or high - u < near) and abs(u - start) > near
         fitted.append(FittedParameter(p.name, p.to_value(u), (first, last), p.starts[0], True, stuck, units[p.name]))
     return fitted
 
@@ -291,10 +311,4 @@ def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
 def _describe_missing(joint: EffectFit, simulation: Simulation, held: Sequence[Trace], noise_N: float) -> MissingEffect:
     plant, composition = Plant(DirectSimulator(simulation)), joint.composition
     forces, setting = [plant.with_effects(composition, t) for t in held], composition.settings[-1]
-    return MissingEffect(setting, estimate_parameters(joint)[-1], _gap_N(held, forces, noise_N))
-
-
-def _gap_N(traces: Sequence[Trace], forces: Sequence[F], noise_N: float) -> float:
-    """Return the RMS [N] of measured minus modelled force without the noise."""
-    error = usable_values(traces, [t.force - f for t, f in zip(traces, forces, strict=True)])
-    return math.sqrt(max(rms(error) ** 2 - noise_N**2, 0.0))
+    return MissingEffect(setting, estimate_parameters(joint)[-1], gap_N(held, forces, noise_N))

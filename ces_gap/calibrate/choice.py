@@ -20,6 +20,7 @@ from ces_gap.calibrate.fitting import ParameterFit
 from ces_gap.calibrate.parameters import MIN_PIVOT, size_of
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.fit import EffectFit, fit_from, fit_promising, fit_to_the_end, linearise
+from ces_gap.inference.rare import find_rare_deviation
 from ces_gap.inference.search import NEGLIGIBLE_SHARE, PARAMETER
 from ces_gap.progress import Progress, ignore_progress
 
@@ -69,7 +70,7 @@ def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = 
     """Return the choice among the parameters that were `found` and the effects."""
     residual, energy = found.default_residual, found.gap_energy
     nothing = Hypothesis((), None, None, float(residual @ residual))
-    if energy <= VISIBLE**2 * len(residual):
+    if energy <= VISIBLE**2 * len(residual) and not _has_rare_deviation(found):
         return ChosenExplanation(nothing, (), found.fit)
     alone = fit_promising(found.evidence, effects, CANDIDATES, progress)
     all_freed = found.beside(found.determined, found.searched[list(found.determined)])
@@ -87,6 +88,11 @@ def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = 
     return ChosenExplanation(
         best, tuple(others), whole and fit_to_the_end(found.evidence, whole.effects, whole.searched)
     )
+
+
+def _has_rare_deviation(found: ParameterFit) -> bool:
+    traces = found.evidence.traces
+    return find_rare_deviation(traces, [t.simulated for t in traces]) is not None
 
 
 def _refit_best(
@@ -187,7 +193,9 @@ class _Tangent:
         at[list(found.determined)] = joint.searched[:count]
         searched = np.concatenate([at, joint.searched[count:]])
         every = range(len(found.effect.free))
-        residual, jacobian = linearise(found.evidence, found.beside_effect(effect, every), searched)
+        residual, jacobian = joint.residual, joint.jacobian
+        if count < len(every):
+            residual, jacobian = linearise(found.evidence, found.beside_effect(effect, every), searched)
         return cls(found, effect, searched, float(residual @ residual), jacobian.T @ jacobian, jacobian.T @ residual)
 
     def drafts(self, price: float) -> list[_Draft]:

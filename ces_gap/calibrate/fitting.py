@@ -8,6 +8,7 @@ of the interval.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
+from ces_gap.baseline.identified import add_own_error
 from ces_gap.baseline.learner import NoiseModel, make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.calibrate.free import FreeParameters
@@ -27,7 +29,7 @@ from ces_gap.inference.evidence import MIN_NOISE_N, NUMERICAL_ERROR, Evidence, g
 from ces_gap.inference.fit import EffectFit, fit_to_the_end
 from ces_gap.inference.search import MIN_GAP_ENERGY
 from ces_gap.inputs.checks import exclude_saturated_ticks
-from ces_gap.trace import Trace, make_trace, noise_floor_N, require_usable, smooth_recording, usable_values
+from ces_gap.trace import Trace, make_trace, noise_floor_N, own_error_N, require_usable, smooth_recording, usable_values
 from ces_identify.simulations.simulation import Simulation
 
 SAME = 1e-9  # of the force: by as much two equal calls may differ
@@ -37,6 +39,7 @@ BIG = 1e3  # deviations by which the force may be off in a direction that the pa
 def open_logged(simulation: Simulation, recordings: Sequence[Recording]) -> list[Trace]:
     """Return the traces of recordings, on which the simulation runs on the logged position."""
     traces = [exclude_saturated_ticks(make_trace(r, simulation.force(r))) for r in recordings]
+    traces = [add_own_error(simulation, t) for t in traces]
     for trace in traces:
         require_usable(trace)
     return traces
@@ -130,10 +133,13 @@ class ParameterFit:
         return gather(traces, plant, self.evidence.noise, features, covariance)
 
 
-def white_noise_N(traces: Sequence[Trace]) -> float:
-    """Return the noise [N] of the force, at least the numerical error of simulations."""
+def unexplained_N(traces: Sequence[Trace]) -> float:
+    """Return the RMS [N] that no parameter explains: noise, and the error that an identified model expects.
+
+    The noise is at least the numerical error of simulations.
+    """
     numerical_N = NUMERICAL_ERROR * rms(usable_values(traces, [t.force for t in traces]))
-    return max(noise_floor_N(traces), numerical_N, MIN_NOISE_N)
+    return math.hypot(max(noise_floor_N(traces), numerical_N, MIN_NOISE_N), own_error_N(traces))
 
 
 def fit_parameters(
@@ -147,7 +153,7 @@ def fit_parameters(
 
     `whole` numbers are set first. Effects inside the damper will be put into its `twin`.
     """
-    smooth, noise = smooth_traces(simulation, logged), make_white_noise(white_noise_N(logged))
+    smooth, noise = smooth_traces(simulation, logged), make_white_noise(unexplained_N(logged))
     first, second = (_fit_on(simulation, free, traces, whole, twin, noise) for traces in (logged, smooth))
     if first.cost <= second.cost:
         return replace(first, others=tuple(smooth))

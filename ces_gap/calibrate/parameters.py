@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
+from scipy.sparse.csgraph import connected_components
 
 from ces_data.arrays import F
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.effects.effect import SIMULATION, Composition, Effect, EffectParameter
 from ces_gap.grid import rms
-from ces_gap.trace import Trace, TraceInputs, usable_values
+from ces_gap.trace import Trace, TraceInputs, resample_to_grid, usable_values
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
@@ -47,7 +48,7 @@ class SimulationParameters(Effect):
         """Return `force` [N] (n,) and what the values change of the simulation's; NaN where it does not run."""
         changed = self.simulation.with_values(dict(zip([p.name for p in self.free], values, strict=True)))
         try:
-            own = DirectSimulator(changed).force(trace, inputs)
+            own = _simulate(changed, trace, inputs)
             if not self.beside_inside:  # then `force` is that of the defaults
                 return own
             if inputs is trace.inputs:
@@ -59,6 +60,13 @@ class SimulationParameters(Effect):
     def hold_others(self, places: Sequence[int]) -> SimulationParameters:
         """Return the effect of the parameters at some places; the others keep their defaults."""
         return replace(self, free=tuple(self.free[k] for k in places))
+
+
+def _simulate(simulation: Simulation, trace: Trace, inputs: TraceInputs) -> F:
+    """Return the force [N] (n,) on the grid; recorded inputs are those of the recording."""
+    if inputs is trace.inputs:
+        return resample_to_grid(trace, simulation.force(trace.recording))
+    return DirectSimulator(simulation).force(trace, inputs)
 
 
 def size_of(p: EffectParameter) -> float:
@@ -133,10 +141,14 @@ def find_groups(jacobian: F, covariance: F, determined: Sequence[int], names: Se
 
 
 def _find_correlated(covariance: F, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the parameters whose estimates are correlated, with all that they are correlated with in one group."""
+    if not len(names):
+        return []
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     close: NDArray[np.bool_] = np.abs(covariance / np.outer(size, size)) > MOVES_TOGETHER
-    pairs = zip(*np.nonzero(np.triu(close, 1)), strict=True)
-    return [(names[i], names[j]) for i, j in pairs]
+    count, group = connected_components(close, directed=False)
+    groups = [tuple(name for name, own in zip(names, group, strict=True) if own == k) for k in range(count)]
+    return [names for names in groups if len(names) > 1]
 
 
 def values_of(effect: SimulationParameters, searched: F) -> dict[str, float]:

@@ -19,12 +19,13 @@ from ces_gap.effects.effect import Setting
 from ces_gap.errors import GapError
 from ces_gap.experiment.candidates import Recipe, generate_waveforms, list_candidate_experiments, reach_of
 from ces_gap.experiment.matches import Match, Probe, find_nearest, refine_match, sample_tangents
-from ces_gap.inference.judgement import Judgement
+from ces_gap.inference.judgement import PARAMETERS, Judgement
 from ces_gap.inference.search import EffectSearchResult
 from ces_gap.trace import Trace, make_trace
-from ces_identify.numerics import search_clock
+from ces_identify.numerics.search import clock_s
 from ces_identify.schema_files import schema_line
 from ces_observer.errors import CesError
+from ces_report.typesetting import join_with
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def propose_experiment(
     if best is None:
         raise GapError(f"the simulation refuses all {len(recipes)} candidate experiments")
     first, second = (setting.name for setting in best.nearest)
-    pair, distance_N = f"{first} from {second}".replace("_", " "), best.distance * noise_N
+    pair, distance_N = " from ".join(map(_describe, best.nearest)), best.distance * noise_N
     size = f"{distance_N:.2g} N RMS ({best.distance:.2g} × the noise)"
     if best.distance < 1.0:
         raise GapError(
@@ -115,6 +116,13 @@ def propose_experiment(
     purpose = f"distinguishes {pair}: expected difference {size} over {float(best.recipe['duration_s']):.0f} s"
     waveforms = generate_waveforms(best.recipe)
     return NextExperiment(str(best.recipe["name"]), purpose, best.recipe, *waveforms, (first, second), distance_N)
+
+
+def _describe(setting: Setting) -> str:
+    """Return the name of an effect, of parameters those of each."""
+    if setting.name == PARAMETERS:
+        return join_with([p.name for p in setting.effect.parameters])
+    return setting.name.replace("_", " ")
 
 
 def simulate_experiment(simulation: TraceSimulator, recipe: Recipe) -> Trace:
@@ -141,9 +149,9 @@ def _compare_candidates(
     budget_s: float,
 ) -> Iterator[_Candidate]:
     """Yield experiments compared along tangents until the time is up, at least one if any can run."""
-    end, any_done = search_clock.now() + budget_s, False
+    end, any_done = clock_s() + budget_s, False
     for recipe in recipes:
-        if any_done and search_clock.now() > end:
+        if any_done and clock_s() > end:
             return
         try:
             trace = simulate_experiment(simulation, recipe)

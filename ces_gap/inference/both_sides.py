@@ -27,7 +27,7 @@ from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit, fit_from
 from ces_gap.progress import Progress
 from ces_gap.trace import Trace, usable_inputs, usable_values
-from ces_identify.numerics.levenberg import CentredProblem, descend_about_centre
+from ces_identify.numerics.least_squares import CentredProblem, descend_about_centre
 from ces_identify.physical.models import HydraulicModels
 
 WEIGHTS = 0.3, 1.0, 1.0  # of stroke, speed and current in a distance: a gas spring is soft

@@ -22,7 +22,7 @@ from ces_gap.inference.search import (
     interchangeable_effects,
     min_unexplained_shares,
 )
-from ces_gap.trace import noise_floor_N, own_error_N, usable_values
+from ces_gap.trace import gap_N, noise_floor_N, own_error_N, usable_values
 
 TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
 TOLERANCE_NOISES = 2.0  # times the noise: limit of that default, so that a gap clear of the noise is not overlooked
@@ -79,10 +79,7 @@ def measure_gap(result: EffectSearchResult) -> GapSize:
     evidence = result.evidence
     noise_N = noise_floor_N(evidence.traces)
     timing = [f.composition for f in result.alone if f.effects[0].nuisance][:1]
-    above = []
-    for modelled in (evidence.alone, *map(evidence.forces, timing)):
-        errors = [trace.force - force for trace, force in zip(evidence.traces, modelled, strict=True)]
-        above.append(float(np.sqrt(max(rms(usable_values(evidence.traces, errors)) ** 2 - noise_N**2, 0.0))))
+    above = [gap_N(evidence.traces, forces, noise_N) for forces in (evidence.alone, *map(evidence.forces, timing))]
     known = all(t.measured_noise.known for t in evidence.traces)
     logged_N = noise_floor_N(evidence.traces, as_logged=True)
     return GapSize(above[0], min(above), logged_N, known, own_error_N(evidence.traces))

@@ -29,12 +29,13 @@ from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
-from ces_gap.trace import Trace, noise_floor_N, own_error_N, usable_values
+from ces_gap.trace import Trace, gap_N, noise_floor_N, own_error_N, usable_values
 
 BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
 SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
+SMALL = 0.3  # of a rare deviation: what an explanation leaves of it at most, a tenth of its energy
 HIDDEN = 3.0  # times the gap's RMS: what is as large lasts at most 1/9 of the time, and the RMS hides it
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
@@ -91,6 +92,7 @@ class HeldOutScores:
     timed_N: float
     notes: tuple[str, ...] = ()  # on forces that the simulation refused
     rare: RareDeviation | None = None  # of the measured force from the corrected simulation
+    rare_left: RareDeviation | None = None  # of the measured force from the best explanation
 
 
 def score_held_out(
@@ -121,6 +123,12 @@ def score_held_out(
     timed = [scorer.explain(f, scorer.forces(f, True)).gap_after_N for f in timing]
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     known = {} if best is None else {best.composition: forces}
+    alone, least_N = (*result.evidence.alone, *scorer.alone), findings.tolerance_N
+    rare, rare_left = _find_rare(inputs, baseline, blocks.traces, alone, least_N), None
+    if best is not None and np.isfinite(together.gap_after_N):
+        least_N = least_N if rare is None else max(least_N, SMALL * abs(rare.mean_N))
+        modelled = (*result.evidence.forces(best.composition), *forces)
+        rare_left = _find_rare(inputs, baseline, blocks.traces, modelled, least_N)
     return HeldOutScores(
         gap=_gap(scorer, _find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
@@ -130,23 +138,23 @@ def score_held_out(
         nothing=nothing,
         timed_N=min([nothing.gap_after_N, *timed]),
         notes=tuple(scorer.optional.notes),
-        rare=_find_rare(inputs, baseline, result, findings, scorer),
+        rare=rare,
+        rare_left=rare_left,
     )
 
 
 def _find_rare(
-    inputs: DiagnosisInput,
-    baseline: Baseline,
-    result: EffectSearchResult,
-    findings: SearchFindings,
-    scorer: HeldOutScorer,
+    inputs: DiagnosisInput, baseline: Baseline, held_out: Sequence[Trace], forces: Sequence[F], least_N: float
 ) -> RareDeviation | None:
-    """Return the largest local deviation on fitted and held-out recordings, if it is more than the references have."""
+    """Return the largest local deviation from `forces` [N] (n,) on fitted and held-out recordings.
+
+    It is at least `least_N`, and more than the references have and than the RMS shows.
+    """
     errors = [t.force - baseline.plant.alone(t) for t in inputs.reference]
     known = [np.where(t.usable, error, np.nan) for t, error in zip(inputs.reference, errors, strict=True)]
-    traces, forces = (*result.evidence.traces, *scorer.blocks.traces), (*result.evidence.alone, *scorer.alone)
-    gap_N = max(findings.size.gap_N, scorer.blocks.rms(scorer.corrected)[0])
-    return find_rare_deviation(traces, forces, known, max(findings.tolerance_N, HIDDEN * gap_N))
+    parts = (inputs.real, forces[: len(inputs.real)]), (held_out, forces[len(inputs.real) :])
+    largest_N = max(gap_N(traces, some, noise_floor_N(traces)) for traces, some in parts)
+    return find_rare_deviation((*inputs.real, *held_out), forces, known, max(least_N, HIDDEN * largest_N))
 
 
 def gaps_without_each(scorer: HeldOutScorer, evidence: Evidence, fit: EffectFit) -> tuple[float, ...]:
@@ -228,6 +236,7 @@ def collect_evidence(search: SearchFindings, scores: HeldOutScores) -> VerdictEv
         is_undetermined=has_undetermined_effect(composition),
         in_band_N=gap.noise_in_band_N,
         is_rare=scores.rare is not None,
+        leaves_rare=scores.rare_left is not None,
     )
 
 

@@ -89,7 +89,8 @@ class VerdictEvidence:
 
     On held-out recordings the gap has a size with an interval, and noise of `in_band_N` in its band; the composition
     has `closed` a share of it, each effect alone another, the generic learner the share `learnt`. The composition
-    `is_undetermined` if one of its effects may have no size. A gap is `rare` if a short deviation stands out.
+    `is_undetermined` if one of its effects may have no size. A gap `is_rare` if a short deviation stands out,
+    and the composition `leaves_rare` if one stands out beyond it.
     """
 
     search: SearchFindings
@@ -102,6 +103,7 @@ class VerdictEvidence:
     is_undetermined: bool = False
     in_band_N: float = 0.0
     is_rare: bool = False
+    leaves_rare: bool = False
 
     @property
     def sizes(self) -> tuple[GapSize, GapSize]:

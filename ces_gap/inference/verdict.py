@@ -186,7 +186,7 @@ def _find_doubts(
     """Return what speaks against the composition, with the effects that are possible by it (none: an unknown cause).
 
     `known` is the probability of a known effect, given a gap. Something remains where a learner without physics leaves
-    clearly less than the composition: a cause that is not in the library, or a second one.
+    clearly less than the composition, or a rare deviation stands out: a cause not in the library, or a second one.
     """
     others = {name: p for name, p in odds.effects.items() if name not in e.composition}
     cause, error = odds.known - sum(others.values()), others.get(CALIBRATION, 0.0)
@@ -201,7 +201,7 @@ def _find_doubts(
         NOT_CONFIRMED: None if e.closed.low > 0.0 else (),
         UNDETERMINED: () if e.is_undetermined else None,
         LEAVES_MORE: None if e.closed.value >= HALF else (),
-        REMAINS: () if remains else None,
+        REMAINS: () if remains or e.leaves_rare else None,
         UNCERTAIN: None if is_known and 1.0 - odds.none >= weights.least_gap else (),
     }
     return {doubt: names for doubt, names in doubts.items() if names is not None}

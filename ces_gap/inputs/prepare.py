@@ -19,7 +19,7 @@ from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
 from ces_gap.inputs.probes import correct_inputs
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, open_trace, require_usable, with_simulation
-from ces_identify.numerics import search_clock
+from ces_identify.numerics.search import clock_s
 from ces_identify.simulations.simulation import Simulation, find_predictions
 
 MIN_FIT_S = 4.0  # [s] usable for the fit
@@ -141,9 +141,9 @@ def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
 def runs_slowly(simulation: DirectSimulator, traces: Sequence[Trace]) -> bool:
     """Return whether a simulation takes too long for a search."""
     for _ in range(2):  # what compiles first, or is held up once, is not slow
-        processor, clock = time.process_time(), search_clock.now()
+        processor, clock = time.process_time(), clock_s()
         for trace in traces:
             simulation.force(trace, trace.inputs)
-        if time.process_time() - processor <= SLOW_S and search_clock.now() - clock <= SLOW_CLOCK_S:
+        if time.process_time() - processor <= SLOW_S and clock_s() - clock <= SLOW_CLOCK_S:
             return False
     return True

@@ -306,11 +306,17 @@ class GapLocation:
 NOWHERE = GapLocation(Where((), None, 1.0, ()), (), None)
 
 
-def locate_gap(evidence: Evidence, held_out: Sequence[HeldOutSeries], seed: int, with_rest: bool) -> GapLocation:
-    """Return where the gap of all recordings lies, and what the effects leave of it on held-out recordings."""
+def locate_gap(
+    evidence: Evidence, held_out: Sequence[HeldOutSeries], seed: int, with_rest: bool, of_original: bool = False
+) -> GapLocation:
+    """Return where the gap of all recordings lies, and what is left of it in each region of held-out recordings.
+
+    It is the gap after the correction, or that `of_original`, which parameters have closed.
+    """
     held_out_traces, noise = [s.trace for s in held_out], evidence.noise
-    traces, corrected = [*evidence.traces, *held_out_traces], [*evidence.alone, *(s.corrected for s in held_out)]
-    gap = [t.force - f for t, f in zip(traces, corrected, strict=True)]
+    traces, before = [*evidence.traces, *held_out_traces], [*evidence.alone, *(s.corrected for s in held_out)]
+    before = [t.simulated_as_logged for t in traces] if of_original else before
+    gap = [t.force - f for t, f in zip(traces, before, strict=True)]
     after = [s.trace.force - s.augmented for s in held_out]
     where = locate(traces, gap, noise, seed)
     within = rms_within_regions(where.regions, held_out_traces, after, noise)

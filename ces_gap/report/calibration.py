@@ -7,7 +7,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from ces_data.recording import Recording
-from ces_gap.augmented import MAX_BYTES, NamedSimulation, open_named
+from ces_gap.augmented import MAX_BYTES, NamedSimulation, has_schema, open_named
 from ces_gap.calibrate.calibration import Alternative, Calibration, FittedParameter
 from ces_gap.effects.effect import Setting
 from ces_gap.errors import GapError
@@ -21,21 +21,18 @@ from ces_gap.report.gap_json import (
     PARAMETERS,
     POSITIVE,
     TEXT,
-    Read,
     by_name,
     format_document,
     itself,
     many,
     or_null,
-    record,
     to_plain_json,
 )
 from ces_identify.simulations.simulation import Simulation
 from ces_observer import __version__
-from ces_observer.errors import ModelError
 from ces_observer.fields import Field, Schema
 from ces_observer.json_text import parse_json, read_bounded
-from ces_observer.records import Record, document_schema, read_document
+from ces_observer.records import Of, Record, document_schema, read_document, record_of
 from ces_report.shell import page_template, replace_unencodable
 from ces_report.table import Column, Table
 from ces_report.typesetting import format_number, format_range, join_names, join_with
@@ -80,7 +77,7 @@ def _describe_missing(c: Calibration, changed: Sequence[FittedParameter]) -> str
     if c.missing is None:
         return ""
     beside = "beside them" if len(changed) > 1 else "beside it" if changed else "in the simulation"
-    what = sentence_case(effect_name(c.missing.setting.name)) + _size_of(c.missing.setting)
+    what = sentence_case(describe_setting(c.missing.setting))
     return f"{what} is missing {beside}: with it {_newtons(c.missing.gap_after_N)} are left."
 
 
@@ -93,15 +90,16 @@ def _describe_alternatives(c: Calibration) -> str:
 def describe_alternative(one: Alternative) -> str:
     """Return other values of parameters, and an effect, as `seal_N of 43 instead of 25 and friction of 20 N`."""
     values = [f"{p.name} of {format_number(p.value)} instead of {format_number(p.default)}" for p in one.parameters]
-    effects = [] if one.effect is None else [f"{effect_name(one.effect.name)}{_size_of(one.effect)}"]
+    effects = [] if one.effect is None else [describe_setting(one.effect)]
     return join_with([*values, *effects])
 
 
-def _size_of(setting: Setting) -> str:
-    """Return the magnitude of an effect as ` of 20 N`, empty if it has none."""
+def describe_setting(setting: Setting) -> str:
+    """Return an effect with its magnitude if it has one, as `friction of 20 N`."""
     pairs = zip(setting.effect.parameters, setting.values, strict=True)
     sizes = [parameter_text(Estimate(p.name, value, (value, value))) for p, value in pairs if p.magnitude]
-    return f" of {sizes[0][1]} {sizes[0][2]}".rstrip() if sizes else ""
+    size = f" of {sizes[0][1]} {sizes[0][2]}".rstrip() if sizes else ""
+    return effect_name(setting.name) + size
 
 
 def _describe_doubts(c: Calibration) -> str:
@@ -111,9 +109,11 @@ def _describe_doubts(c: Calibration) -> str:
         near = next((group[1:] for group in c.moves_with if group[0] == p.name), ())
         why = f"it moves with {join_with(near)}" if near else "it hardly changes the force here"
         texts.append(f"{p.name} cannot be determined: {why}; it is held at its default.")
-    for p in (p for p in c.parameters if p.is_doubtful and p.matters):
-        where = "at the bound of its range" if p.at_bound else "far from its default"
-        texts.append(f"{p.name} is found {where}: rather a sign that the simulation lacks something than a value.")
+    doubtful = [p.name for p in c.parameters if p.is_doubtful and p.matters]
+    if doubtful:
+        verb = "lies" if len(doubtful) == 1 else "lie"
+        where = f"{join_with(doubtful)} {verb} at a bound or far from the default"
+        texts.append(f"{where}: rather a sign that the simulation lacks something than a value.")
     return " ".join(texts)
 
 
@@ -160,19 +160,19 @@ def calibration_page(c: Calibration, title: str, facts: Mapping[str, str]) -> st
     return replace_unencodable(page)
 
 
-FITTED = record(value=Field(kind=float), ci95=INTERVAL, default=NUMBER, determined=FLAG, at_bound=FLAG, matters=FLAG)
-GAP = record(
+FITTED = record_of(value=Field(kind=float), ci95=INTERVAL, default=NUMBER, determined=FLAG, at_bound=FLAG, matters=FLAG)
+GAP = record_of(
     before_N=POSITIVE.about("on held-out recordings, the noise subtracted"),
     after_N=POSITIVE,
     noise_floor_N=(POSITIVE, "noise_N"),
 )
-MISSING = record(
+MISSING = record_of(
     effect=(TEXT, "setting.name"),
     form=(TEXT, "setting.effect.form"),
     parameters=(PARAMETERS, lambda missing: {one.name: one for one in missing.estimates}),
     gap_after_N=POSITIVE,
 )
-CONTENT: Mapping[str, Field | tuple[Field, Read]] = {
+CONTENT: Mapping[str, Field | tuple[Field, Of]] = {
     "parameters": (by_name(FITTED), lambda c: {p.name: p for p in c.parameters}),
     "moves_with": many(many(TEXT, 2)).about("parameters whose changes look alike on these recordings"),
     "gap": (GAP, itself),
@@ -186,7 +186,7 @@ CONTENT: Mapping[str, Field | tuple[Field, Read]] = {
     "sentence": (TEXT, describe),
     "notes": many(TEXT),
 }
-DOCUMENT = record(simulation=Field(kind=Record(NamedSimulation)), **CONTENT, provenance=Field(kind=Mapping))
+DOCUMENT = record_of(simulation=Field(kind=Record(NamedSimulation)), **CONTENT, provenance=Field(kind=Mapping))
 
 
 def calibrated_schema() -> Schema:
@@ -196,7 +196,7 @@ def calibrated_schema() -> Schema:
 
 def calibration_content(c: Calibration) -> dict[str, Any]:
     """Return what `calibrated.json` says beside the simulation and the provenance, its numbers as computed."""
-    content: dict[str, Any] = record(**CONTENT).write(c)
+    content: dict[str, Any] = record_of(**CONTENT).write(c)
     return content
 
 
@@ -216,12 +216,8 @@ def calibration_files(
 
 
 def is_calibrated(path: Path) -> bool:
-    """Return whether the file is JSON of a calibrated simulation."""
-    try:
-        document = parse_json(read_bounded(path, MAX_BYTES), str(path))
-    except (OSError, ModelError):
-        return False
-    return isinstance(document, Mapping) and str(document.get("schema", "")).startswith("ces-calibrated/")
+    """Return whether the file is that of a calibrated simulation."""
+    return has_schema(path, "ces-calibrated")
 
 
 def load_calibrated(path: Path, open_simulation: Callable[[str], Simulation]) -> Simulation:

@@ -162,9 +162,9 @@ def _draw_map(ident: str, m: GapMap, worst: float) -> Markup:
 
 def speed_force(ident: str, held_out: Sequence[HeldOutSeries], effects: str) -> list[Markup]:
     """Return force and gap over speed for the original simulation and, if there are `effects`, the augmented one."""
-    traces, augmented = [s.trace for s in held_out], [s.augmented for s in held_out]
-    of_ticks = ([t.inputs.speed for t in traces], [t.force for t in traces], [t.simulated for t in traces], augmented)
-    every = [usable_values(traces, values) for values in of_ticks]
+    traces = [s.trace for s in held_out]
+    rows = [(s.trace.inputs.speed, s.trace.force, s.trace.simulated_as_logged, s.augmented) for s in held_out]
+    every = [usable_values(traces, values) for values in zip(*rows, strict=True)]
     chosen = np.random.default_rng(0).permutation(len(every[0]))[:MAX_DOTS]  # a stride would alias with a sine
     speed, measured, before, after = (values[chosen] for values in every)
     forces, gaps = span_of(measured, before, after), around_zero(np.concatenate([measured - before, measured - after]))
@@ -192,7 +192,7 @@ def find_largest_errors(held_out: Sequence[HeldOutSeries]) -> LargestErrors | No
     for series in held_out:
         trace = series.trace
         length = min(max(2, round(WINDOW_S * trace.rate_Hz)), len(trace))
-        square = np.where(trace.usable, (trace.force - trace.simulated) ** 2, 0.0)
+        square = np.where(trace.usable, (trace.force - trace.simulated_as_logged) ** 2, 0.0)
         total = np.concatenate([[0.0], np.cumsum(square)])
         energy = total[length:] - total[:-length]
         start = int(np.argmax(energy))
@@ -207,7 +207,10 @@ def time_plot(ident: str, worst: LargestErrors, effects: str) -> Markup:
     If there are `effects`, the augmented simulation is shown as well.
     """
     trace, time = worst.series.trace, worst.series.trace.time_s
-    shown = [("simulation", trace.simulated, "simulated"), ("with effects", worst.series.augmented, "augmented")]
+    shown = [
+        ("simulation", trace.simulated_as_logged, "simulated"),
+        ("with effects", worst.series.augmented, "augmented"),
+    ]
     lines, gaps = [PlotLine("measured", time, trace.force)], []
     for name, force, css in shown[: 2 if effects else 1]:
         lines.append(PlotLine(name, time, force, css))

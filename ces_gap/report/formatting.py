@@ -93,6 +93,11 @@ def parameter_text(estimate: Estimate) -> tuple[str, str, str, str]:
     return effect_name(estimate.name.removesuffix(suffix)), value, unit, interval
 
 
+def parameter_as_declared(estimate: Estimate) -> tuple[str, str, str, str]:
+    """Return the same of a user's parameter, whose name need not end with its unit: name and numbers as they are."""
+    return estimate.name, format_number(estimate.value), "", format_range(*estimate.ci95)
+
+
 def percent(share: float) -> str:
     """Return a share as a whole percentage, a dash if it is unknown."""
     if not math.isfinite(share):

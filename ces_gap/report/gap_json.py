@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -22,7 +22,7 @@ from ces_gap.inputs.probe_result import CURRENT_MEANINGS
 from ces_gap.report.formatting import AXES
 from ces_observer.fields import Field, Schema
 from ces_observer.json_text import write_atomically
-from ces_observer.records import Record, document_schema
+from ces_observer.records import Of, document_schema, record_of
 from ces_observer.shapes import ByName
 
 SCHEMA = "ces-gap/1"
@@ -78,15 +78,6 @@ def to_plain_json(item: object, where: str) -> Any:
     raise GapError(f"{where}: a {type(item).__name__}; expected text, numbers, lists or objects of them")
 
 
-Read = str | Callable[[Any], Any]  # an attribute, or a function of the record
-
-
-def record(**keys: Field | tuple[Field, Read]) -> Field:
-    """Return the field of an object with these keys; a key without `Read` is an attribute of its name."""
-    pairs = {key: value if isinstance(value, tuple) else (value, key) for key, value in keys.items()}
-    return Field(kind=Record(own={key: replace(one, name=key, key=key, of=of) for key, (one, of) in pairs.items()}))
-
-
 def many(one: Field, least: int = 0) -> Field:
     """Return the field of a list."""
     return Field(kind=one, many=True, min_count=least)
@@ -107,7 +98,7 @@ def word(*choices: str) -> Field:
     return Field(choices=choices)
 
 
-def first(name: str) -> Read:
+def first(name: str) -> Of:
     """Return what finds the first of an explanation's values."""
     return lambda explanation: getattr(explanation, name)[0]
 
@@ -134,7 +125,7 @@ PROBABILITY = Field(kind=float, low=0.0, high=1.0)
 INTERVAL = Field(kind=NUMBER, many=True, min_count=2, max_count=2)
 
 DEFAULT = replace(NUMBER, default=None, optional=True).about("what the simulation had; of its own parameters only")
-ESTIMATE = record(
+ESTIMATE = record_of(
     value=NUMBER,
     ci95=INTERVAL,
     at_bound=FLAG,
@@ -144,7 +135,7 @@ ESTIMATE = record(
 PARAMETERS = by_name(ESTIMATE)
 LEFT = {"gap_after_N": POSITIVE, "shrink": SHRINK, "shrink_ci95": INTERVAL}
 LEFT_TOGETHER = {key: (kind, f"composition.{key}") for key, kind in LEFT.items()}
-REGION = record(
+REGION = record_of(
     axis=word(*AXES),
     **{"from": (NUMBER, "low"), "to": (NUMBER, "high")},
     share_of_energy=NUMBER.about("of the gap's square"),
@@ -153,15 +144,17 @@ REGION = record(
     ci95_N=INTERVAL,
     q_value=MAYBE.about("false-discovery rate at which it exceeds the rest of its axis"),
 )
-STRONGEST = record(region=(REGION, "strongest"), p_value=(MAYBE.about("of the test over all regions"), "max_p_value"))
-REGION_AFTER = record(region=(REGION, itemgetter(0)), gap_after_N=(POSITIVE, itemgetter(1)))
-RARE = record(
+STRONGEST = record_of(
+    region=(REGION, "strongest"), p_value=(MAYBE.about("of the test over all regions"), "max_p_value")
+)
+REGION_AFTER = record_of(region=(REGION, itemgetter(0)), gap_after_N=(POSITIVE, itemgetter(1)))
+RARE = record_of(
     mean_N=NUMBER.about("mean deviation of the measured force over the window"),
     limit_N=POSITIVE.about("which the largest of all such windows exceeds in 1 of 200 clean diagnoses"),
     **{"recording": TEXT, "time_s": NUMBER, "window_s": POSITIVE},
     **{"stroke_m": NUMBER, "speed_m_s": NUMBER, "current_A": NUMBER},
 )
-GAP_SIZE = record(
+GAP_SIZE = record_of(
     rms_N=POSITIVE,
     ci95_N=INTERVAL,
     noise_floor_N=POSITIVE.about("of the measured force as logged"),
@@ -171,7 +164,7 @@ GAP_SIZE = record(
     corrected_ci95_N=INTERVAL,
     noise_source=TEXT.about("what showed the noise, as in 8.1 N from repeated cycles"),
 )
-CAUSE = record(
+CAUSE = record_of(
     effect=(TEXT, first("effects")),
     form=(TEXT, first("forms")),
     probability=PROBABILITY,
@@ -180,7 +173,7 @@ CAUSE = record(
     gain=NUMBER,
     gain_error=NUMBER,
 )
-COMPOSITION = record(
+COMPOSITION = record_of(
     effects=(many(TEXT), "composition.effects"),
     forms=(many(TEXT), "composition.forms"),
     **LEFT_TOGETHER,
@@ -192,27 +185,27 @@ COMPOSITION = record(
     ),
     by_region=many(REGION_AFTER),
 )
-CELL = record(speed_m_s=INTERVAL, current_A=INTERVAL, force_N=NUMBER)
-INVISIBLE = record(effect=(TEXT, itemgetter(0)), reason=(TEXT, itemgetter(1)))
-CEILING = record(gap_after_N=(POSITIVE, "ceiling_after_N"), shrink=(SHRINK, shrink_of_ceiling))
-CONTROLS = record(
+CELL = record_of(speed_m_s=INTERVAL, current_A=INTERVAL, force_N=NUMBER)
+INVISIBLE = record_of(effect=(TEXT, itemgetter(0)), reason=(TEXT, itemgetter(1)))
+CEILING = record_of(gap_after_N=(POSITIVE, "ceiling_after_N"), shrink=(SHRINK, shrink_of_ceiling))
+CONTROLS = record_of(
     best_wrong_effect=(
-        or_null(record(effect=(TEXT, first("effects")), **LEFT)),
+        or_null(record_of(effect=(TEXT, first("effects")), **LEFT)),
         lambda d: find_best_other(d, d.composition),
     ),
     ceiling=(CEILING, itself),
 )
 RECIPE = Field(kind=Mapping)
-EXPERIMENT = record(name=TEXT, purpose=TEXT, recipe=RECIPE, separates=many(TEXT), distance_N=POSITIVE)
+EXPERIMENT = record_of(name=TEXT, purpose=TEXT, recipe=RECIPE, separates=many(TEXT), distance_N=POSITIVE)
 NO_EXPERIMENT = {"purpose": "", "recipe": {}}
 NEXT = replace(EXPERIMENT, null=NO_EXPERIMENT, rules={"required": list(NO_EXPERIMENT)})
-TWIN = record(
+TWIN = record_of(
     kind=(TEXT.about("of damper"), lambda d: d.twin.body.kind),
     cost_J=(POSITIVE.about("on blocks of the simulated force left out of its fit"), lambda d: d.twin.cost_J),
     replaces=(FLAG.about("whether it replaces a simulation that cannot be run"), "is_recorded"),
 )
-TIMING = record(current_lead_samples=NUMBER, position_delay_s=POSITIVE)
-PROBE = record(
+TIMING = record_of(current_lead_samples=NUMBER, position_delay_s=POSITIVE)
+PROBE = record_of(
     summary=TEXT,
     current_convention=word(*CURRENT_MEANINGS),
     current_lead_samples=NUMBER.about("how much earlier it answers than to a held current; negative if later"),
@@ -222,13 +215,13 @@ PROBE = record(
     memory_N=POSITIVE.about("RMS by which they differ after another call"),
     corrected=TIMING.about("undone before the effects are fitted, and in augmented.json; zero where nothing is"),
 )
-HELD_OUT = record(
+HELD_OUT = record_of(
     name=(TEXT, "trace.name"),
     sha256=(TEXT, "trace.recording.sha256"),
     usable_s=(POSITIVE, lambda series: float(series.trace.usable.sum()) * series.trace.step_s),
 )
 REASONS = word("", WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE)
-GAP = record(
+GAP = record_of(
     verdict=word(NAMED, AMBIGUOUS, UNKNOWN, NO_GAP),
     sentence=TEXT,
     simulation=TEXT,
@@ -250,7 +243,7 @@ GAP = record(
     not_separable=many(TEXT).about("effects that a calibration of the simulation could absorb: references are needed"),
     invisible=many(INVISIBLE).about("effects that these recordings cannot show"),
     probabilities=(
-        record(none=(PROBABILITY, "probability_none"), unknown=(PROBABILITY, "probability_unknown")),
+        record_of(none=(PROBABILITY, "probability_none"), unknown=(PROBABILITY, "probability_unknown")),
         itself,
     ),
     controls=(CONTROLS, itself),

@@ -21,6 +21,7 @@ from ces_gap.diagnosis import (
     find_best_other,
     find_closest,
 )
+from ces_gap.inference.judgement import PARAMETERS
 from ces_gap.report.charts import (
     draw_gap_maps,
     draw_share_charts,
@@ -130,10 +131,13 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
         done = ["timing of the inputs corrected"] * bool(d.probe.corrected)
         done += ["learned from the reference recordings"] * (d.correction is not None)
         taken = 1.0 - gap.corrected_N / gap.rms_N if gap.rms_N > 0.0 else math.nan
-        remark = f"{' and '.join(done)}: closes {percent(taken)} %" if taken > 0.0 else " and ".join(done)
-        steps.append(_bar(scale, "corrected", "Baseline error removed", remark, gap.corrected_N, gap.corrected_ci95_N))
-    if c.effects:
-        closes = f"closes {percent(c.shrink)} % of the bar above" if c.shrink > 0.0 else ""
+        closes = f"closes {percent(taken)} %" if taken > 0.0 else ""
+        remark = ": ".join(filter(None, [" and ".join(done), closes]))
+        label = f"With {PARAMETERS}" if PARAMETERS in d.composition.effects else "Baseline error removed"
+        steps.append(_bar(scale, "corrected", label, remark, gap.corrected_N, gap.corrected_ci95_N))
+    if {*c.effects} - {PARAMETERS}:
+        shrink = 1.0 - c.gap_after_N / gap.corrected_N if gap.corrected_N > 0.0 else 0.0
+        closes = f"closes {percent(shrink)} % of the bar above" if shrink > 0.0 else ""
         remark = "the closest of the known effects" if d.verdict == UNKNOWN else closes
         text = f"With {join_effect_names(c.effects)}"
         steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(c)))
@@ -202,7 +206,8 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
         figure, unit = percent(c.shrink), "%"
         names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
         interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
-        text = f"of the gap{describe_correction(d)} on held-out recordings closed by {names}; {interval}."
+        beyond = "" if PARAMETERS in c.effects else describe_correction(d)
+        text = f"of the gap{beyond} on held-out recordings closed by {names}; {interval}."
     return {"figure": figure, "unit": unit, "text": text}
 
 

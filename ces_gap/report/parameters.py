@@ -19,8 +19,8 @@ from ces_gap.diagnosis import (
     format_verdict,
 )
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.inference.judgement import ALTERNATIVES, UNCERTAIN
-from ces_gap.report.calibration import describe_alternative, describe_values
+from ces_gap.inference.judgement import ALTERNATIVES, CALIBRATION, REMAINS, TIMING, UNCERTAIN
+from ces_gap.report.calibration import describe_alternative, describe_setting, describe_values
 from ces_report.typesetting import format_number, join_with
 
 
@@ -30,14 +30,25 @@ def with_parameters(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
         d = replace(d, sentence=format_verdict(d) + describe_rare(d) + describe_timing(d))
         return _with_alternatives(d, chosen) if d.verdict in (NAMED, AMBIGUOUS) else d
     parameters = _explain(d, chosen, chosen.setting)
-    sentence = f"{describe_values(chosen.freed)}. With {_count(chosen)} the gap shrinks from "
-    sentence += f"{_newtons(d.gap.rms_N)} to {_newtons(d.gap.corrected_N)} RMS on held-out recordings."
+    values, shrinks = describe_values(chosen.freed), f"the gap shrinks from {_newtons(d.gap.rms_N)}"
+    alone = f"With {_count(chosen)} {shrinks} to {_newtons(d.gap.corrected_N)} RMS"
+    sentence = f"{values}. {alone} on held-out recordings."
     if d.verdict == NO_GAP:
         d = replace(d, verdict=NAMED, no_gap_reason="", composition=parameters, sentence=sentence, alternatives=())
-        d = replace(d, by_region=(), next_experiment=None, probability_none=0.0)
+        d = replace(d, next_experiment=None, probability_none=0.0)
+    elif d.verdict == NAMED and not {*d.composition.effects} & {CALIBRATION, TIMING}:
+        missing = join_with([describe_setting(s) for s in d.composition.composition.settings])
+        verb = "is" if len(d.composition.effects) == 1 else "are"
+        every = "both" if len(chosen.freed) + len(d.composition.effects) == 2 else "all"
+        text = f"{values}. Beside {_count(chosen)}, {missing} {verb} missing. {alone}, with {every} to "
+        d = replace(d, sentence=f"{text}{_newtons(d.composition.gap_after_N)}, on held-out recordings.")
+        d = replace(d, composition=_join(parameters, d.composition))
     else:
         beyond = replace(d, gap=replace(d.gap, rms_N=d.gap.corrected_N, ci95_N=d.gap.corrected_ci95_N))
-        d = replace(d, sentence=f"{sentence} Beside {_count(chosen)}: {_lower(format_verdict(beyond))}")
+        text = f"{sentence} Beside {_count(chosen)}: {_lower(format_verdict(beyond))}{describe_rare(d)}"
+        d = replace(d, sentence=text)
+        if d.verdict == UNKNOWN and d.gap.corrected_N <= d.tolerance_N:  # only a short deviation is left
+            d = replace(d, verdict=AMBIGUOUS, doubt=REMAINS)
         d = replace(d, composition=_join(parameters, d.composition))
     return _with_alternatives(_weigh(d, parameters), chosen)
 
@@ -52,9 +63,13 @@ def _explain(d: Diagnosis, chosen: FreedParameters, setting: Setting) -> Explana
 
 
 def _join(parameters: Explanation, effects: Explanation) -> Explanation:
-    """Return the explanation by the parameters and effects beside them."""
+    """Return the explanation by the parameters and effects beside them; both shrink the original gap."""
+    left = 1.0 - parameters.shrink
+    shrink, *ends = (1.0 - left * (1.0 - share) for share in (effects.shrink, *effects.shrink_ci95))
     return replace(
         effects,
+        shrink=shrink,
+        shrink_ci95=(ends[0], ends[1]),
         effects=(*parameters.effects, *effects.effects),
         forms=(*parameters.forms, *effects.forms),
         composition=Composition((*parameters.composition.settings, *effects.composition.settings)),

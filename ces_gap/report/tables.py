@@ -21,11 +21,12 @@ from ces_gap.diagnosis import (
 )
 from ces_gap.effects.effect import Setting
 from ces_gap.effects.refitted import NetworkPart
-from ces_gap.inference.judgement import CALIBRATION
+from ces_gap.inference.judgement import CALIBRATION, PARAMETERS
 from ces_gap.inputs.probe_result import ProbeFinding
 from ces_gap.report.formatting import (
     effect_name,
     join_effect_names,
+    parameter_as_declared,
     parameter_text,
     percent,
     percents,
@@ -205,7 +206,7 @@ def describe_parameters(estimates: Sequence[Estimate], setting: Setting) -> tupl
     )
     return quantities + tuple(
         ParameterText(
-            *parameter_text(e),
+            *(parameter_as_declared(e) if setting.name == PARAMETERS else parameter_text(e)),
             what.get(e.name, ""),
             ", ".join(["at its bound"] * e.at_bound + ["differs between folds"] * e.drifts),
         )

@@ -13,8 +13,8 @@ from ces_data.recording import Recording
 from ces_identify.campaign.plan import AUTO, CampaignJob
 from ces_identify.identification import identify
 from ces_identify.jobs import DONE, JobResult, Row, run_job
+from ces_identify.numerics.search import INTERRUPTED
 from ces_identify.options import build_identify_options
-from ces_identify.polynomial.search_limits import INTERRUPTED
 from ces_identify.structures import KITS
 from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation
 

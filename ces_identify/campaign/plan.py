@@ -145,28 +145,28 @@ SETS = Field(
     kind=ByName(BAGS, pattern=r"[\w.+-]+"), form="sets of recordings by name: {road: [road_1, road_2]}",
     rules={"minProperties": 1},
 )  # fmt: skip
-AXES = {name: Record(own={key: axis(one) for key, one in axes.items()}) for name, axes in STRUCTURES.items()}
+AXES = {name: record_of(**{key: axis(one) for key, one in axes.items()}) for name, axes in STRUCTURES.items()}
 FILE = record_of(
-    replace(SETS, name="bags", meaning="sets of recordings to identify on; each gives models of its own"),
-    replace(SETS, name="validate", meaning="recordings to validate every model on", default=None),
-    Field(
-        "structures", kind=record_of(*(Field(name, None, kind=own, null=None) for name, own in AXES.items())),
+    bags=SETS.about("sets of recordings to identify on; each gives models of its own"),
+    validate=replace(SETS, meaning="recordings to validate every model on", default=None),
+    structures=replace(
+        record_of(**{name: replace(own, default=None, null=None) for name, own in AXES.items()}),
         form=f"a mapping with any of {', '.join(STRUCTURES)}", rules={"minProperties": 1},
     ),
-    *map(axis, COMMON.values()),
-    Field("limits", None, kind=Record(CellLimits)),
-    SPLIT,
-    Field("signals", None, "signals file (default: the packaged one)", null=None),
+    **{name: axis(option) for name, option in COMMON.items()},
+    limits=Field(default=None, kind=Record(CellLimits)),
+    split=SPLIT,
+    signals=Field(default=None, null=None, meaning="signals file (default: the packaged one)"),
 )  # fmt: skip
 
 
 def load_campaign(path: Path) -> Campaign:
     """Read a campaign file; raises CampaignError, or CesError about a file with candidate rules."""
     content = read_yaml_mapping(path, "a campaign with bags and structures", error=CampaignError)
-    given = Field(kind=FILE).check(content, str(path), CampaignError)
+    given = FILE.check(content, str(path), CampaignError)
     for key in ("bags", "validate", "structures"):
         if content.get(key) in ({}, None) and key in content:
-            raise CampaignError(f"{path}: {key} is {content[key]!r}; expected {FILE.fields[key].expected}")
+            raise CampaignError(f"{path}: {key} is {content[key]!r}; expected {FILE.kind.fields[key].expected}")
     structures = {name: given["structures"][name] or AXES[name].read({}) for name in content["structures"]}
     sets = {key: _find_bags(path, given[key] or {}) for key in ("bags", "validate")}
     common = {name: given[name] for name in COMMON}

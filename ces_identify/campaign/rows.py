@@ -8,7 +8,7 @@ from functools import cached_property
 
 from ces_identify.jobs import DONE, Row
 
-COUNTED = ("terms", "units", "rules", "curves", "memberships")
+COUNTED = ("terms", "units", "rules", "curves")
 COST_TOLERANCE = 0.1  # relative to the lowest selection cost: the excess allowed for a smaller model
 IDENTIFICATION = "identification"
 

@@ -20,8 +20,9 @@ from ces_identify.characteristics.cycles import (
     CycleValues,
     evaluate_cycles,
 )
-from ces_identify.characteristics.motion import MEASURED, Stretch, noise_rms
+from ces_identify.characteristics.motion import MEASURED, Stretch
 from ces_identify.characteristics.rows import ContinuousForce, CycleWork, LoopPoint, PeakForce
+from ces_identify.numerics.correlation import noise_rms
 
 CURRENT_SHARE = 0.03  # of the largest current: less is the same current
 CURRENT_NOISE = 8.0  # times the noise of the measured current: less is the same current

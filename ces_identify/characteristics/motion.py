@@ -17,17 +17,16 @@ from scipy.signal import butter, sosfiltfilt
 from ces_data.arrays import F, I
 from ces_data.recording import Channel, Recording
 from ces_data.samples import remove_spikes, without_spikes
-from ces_identify.prepare.sampling import sample_rate
+from ces_identify.numerics.correlation import noise_rms
+from ces_identify.prepare.sampling import longest_gap_s, sample_rate
 from ces_identify.prepare.series import hold_current, interpolate_force, usable_samples
 
 MEASURED = "measured"
 MIN_BANDWIDTH_HZ, MAX_BANDWIDTH_HZ = 30.0, 200.0
 MAX_BANDWIDTH_SHARE = 0.25  # of the sampling rate
 NOISE_SHARE = 0.01  # of the RMS speed
-MIN_GAP_S, GAP_INTERVALS = 0.05, 10.0  # a gap is longer than both
 MAX_CURRENT_AGE_S = 5.0  # a commanded current may be logged only when it changes
 MIN_STRETCH_S = 0.25
-THIRD_DIFFERENCE = np.sqrt(20.0)  # standard deviation of a third difference of white noise
 ROUND_S = 1e-9
 
 
@@ -68,7 +67,7 @@ def prepare_motion(recording: Recording, simulated: Mapping[str, F]) -> Recordin
     """Return a recording's motion; `simulated` are forces [N] at its position samples. Raises RecordingError."""
     recording = without_spikes(recording)
     rate = sample_rate(recording)
-    gap_s = max(MIN_GAP_S, GAP_INTERVALS / rate)
+    gap_s = longest_gap_s(rate)
     grids = _make_grids(recording, rate, gap_s)
     noise_m = noise_rms(np.concatenate([position for _, position in grids])) if grids else 0.0
     bandwidth = choose_bandwidth([position for _, position in grids], rate, noise_m)
@@ -97,14 +96,6 @@ def differentiate(position: F, rate_Hz: float, bandwidth_Hz: float) -> tuple[F, 
     speed = np.gradient(smooth)
     speed[2:-2] = (8.0 * (smooth[3:-1] - smooth[1:-3]) - (smooth[4:] - smooth[:-4])) / 12.0
     return smooth, speed * rate_Hz
-
-
-def noise_rms(values: F) -> float:
-    """Return the RMS of the white noise in samples (n,), by the median of their third differences."""
-    if len(values) < 8:
-        return 0.0
-    third = np.abs(np.diff(values, 3))
-    return float(1.4826 * np.median(third) / THIRD_DIFFERENCE)
 
 
 def noise_gain(bandwidth_Hz: float, rate_Hz: float) -> float:

@@ -17,6 +17,7 @@ import numpy as np
 from ces_data.arrays import F, Mask
 from ces_data.checks.content import find_known_recording, identification_rows
 from ces_data.recording import Recording
+from ces_identify.limits import ComparisonLimits, TickLimits
 from ces_identify.prepare.series import force_at
 from ces_identify.simulations.simulate import SampleRun, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
@@ -29,10 +30,6 @@ TRAINED, TEST, UNKNOWN = "identified on", "test", "not known"
 FITTED_ROLES = ("identification", "real", "reference")  # of recordings in a model's and an augmented.json's provenance
 
 TrainingRow = Mapping[str, Any]  # a recording in a provenance: name, hash, share and marks
-WARM_UP_S = 0.5  # [s] not scored after the start and after each gap, for models that ask for less
-MAX_GAP_S = 0.05  # [s] over which the measured force is interpolated, as in `ces_observer.model.Sampling`
-MIN_SCORED = 50
-MAX_RATIO = 1000.0  # of a simulated to the largest measured force, for simulations that have no envelope
 
 
 @dataclass(frozen=True)
@@ -133,17 +130,17 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
         raise RecordingError(f"{recording.name}: no measured force to compare with; describe it in the signals file")
     position = recording.channel("position")
     stamps, n = position.stamps_ns, len(position.stamps_ns)
-    measured, time_s = force_at(recording, stamps, MAX_GAP_S), (stamps - stamps[0]) * 1e-9
+    measured, time_s = force_at(recording, stamps, ComparisonLimits.MAX_GAP_S), (stamps - stamps[0]) * 1e-9
     runs = [_run(model, recording, measured) for model in models]
     forces, diverged = np.stack([force for force, _, _ in runs]), tuple(lost for _, _, lost in runs)
     counted = np.isfinite(measured) & np.isfinite(position.values) & _past_warm_up(time_s)
     counted &= (np.arange(n) >= round(part[0] * n)) & (np.arange(n) < round(part[1] * n))
     counted &= (np.isfinite(forces) | np.array(diverged)[:, None]).all(axis=0)
-    if counted.sum() < MIN_SCORED:
+    if counted.sum() < TickLimits.MIN_SCORED:
         raise RecordingError(
             f"{recording.name}: {counted.sum()} samples at which all models and the measurement have a force past "
-            f"warm-up; expected at least {MIN_SCORED}: compare on a longer recording, or leave out the model that has "
-            "no force there"
+            f"warm-up; expected at least {TickLimits.MIN_SCORED}: compare on a longer recording, or leave out the "
+            "model that has no force there"
         )
     if np.ptp(measured[counted]) == 0.0:
         what = "measured force is constant; check its topic and field in the signals file"
@@ -174,16 +171,16 @@ def _run(model: ComparedModel, recording: Recording, measured: F) -> tuple[F, Sa
         run = sample_run(model.model, recording)
         return run.force, run, not np.isfinite(run.run.force).all()
     force = model.simulation.force(recording)
-    limit = MAX_RATIO * float(np.nanmax(np.abs(measured), initial=0.0))
+    limit = ComparisonLimits.MAX_RATIO * float(np.nanmax(np.abs(measured), initial=0.0))
     diverged = limit > 0.0 and bool(np.nanmax(np.abs(force), initial=0.0) > limit)
     return np.full(len(force), np.nan) if diverged else force, None, diverged
 
 
 def _past_warm_up(time_s: F) -> Mask:
     """Return where the last start or gap is at least WARM_UP_S ago."""
-    starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > MAX_GAP_S)
+    starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > ComparisonLimits.MAX_GAP_S)
     began = time_s[starts[np.searchsorted(starts, np.arange(len(time_s)), side="right") - 1]]
-    return np.asarray(time_s - began >= WARM_UP_S)
+    return np.asarray(time_s - began >= ComparisonLimits.WARM_UP_S)
 
 
 def _find_exits(model: ComparedModel, run: SampleRun | None, counted: Mask) -> tuple[RangeUse, ...]:

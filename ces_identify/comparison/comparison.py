@@ -12,7 +12,6 @@ from markupsafe import Markup
 from ces_data.checks.content import require_once
 from ces_data.recording import Recording
 from ces_identify.comparison.compared_models import (
-    MAX_RATIO,
     TRAINED,
     UNKNOWN,
     AlignedRecording,
@@ -30,6 +29,7 @@ from ces_identify.comparison.pair_results import (
     compare_pairs,
     pooled_costs,
 )
+from ces_identify.limits import ComparisonLimits
 from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
@@ -266,7 +266,7 @@ def _exit_notes(comparison: Comparison) -> list[str]:
 
 def _divergence_notes(comparison: Comparison) -> Iterator[str]:
     """Yield where models have no cost, or one with a force held at its envelope."""
-    other = f"diverged, to more than {MAX_RATIO:g} times the measured force,"
+    other = f"diverged, to more than {ComparisonLimits.MAX_RATIO:g} times the measured force,"
     for recording in comparison.recordings:
         for model, lost in zip(comparison.models, recording.diverged, strict=True):
             if lost:

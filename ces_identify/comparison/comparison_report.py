@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.comparison.compared_models import MAX_GAP_S, TRAINED, AlignedRecording
+from ces_identify.comparison.compared_models import TRAINED, AlignedRecording
 from ces_identify.comparison.comparison import (
     Comparison,
     ModelResult,
@@ -25,11 +25,11 @@ from ces_identify.comparison.comparison import (
     p_text,
 )
 from ces_identify.comparison.pair_results import Difference, PairResult
+from ces_identify.limits import ComparisonLimits
 from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, find_working_windows
 from ces_observer.json_text import write_atomically
-from ces_report.charts import IntervalRow, draw_intervals
-from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, series_css, share_points
+from ces_report.plot import IntervalRow, Plot, PlotArea, PlotLine, draw_intervals, draw_plot, series_css, share_points
 from ces_report.shell import command_block, page_template, replace_unencodable
 from ces_report.table import Column, Table
 from ces_report.typesetting import join_with
@@ -341,7 +341,7 @@ def choose_window(recording: AlignedRecording) -> tuple[int, int]:
 
 
 def _time_plot(recording: AlignedRecording, names: list[str], number: int, view: tuple[float, float]) -> Plot:
-    t, breaks = recording.time_s, np.diff(recording.time_s, prepend=recording.time_s[0]) > MAX_GAP_S
+    t, breaks = recording.time_s, np.diff(recording.time_s, prepend=recording.time_s[0]) > ComparisonLimits.MAX_GAP_S
     forces, errors = [PlotLine("measured", t, recording.measured, "measured reference", breaks)], []
     for i, (name, force) in enumerate(zip(names, recording.forces, strict=True)):
         error = np.where(recording.scored, recording.measured - force, np.nan)

@@ -13,11 +13,9 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_identify.comparison.compared_models import TRAINED, AlignedRecording
-from ces_identify.numerics.correlation import MIN_BINS, SLOWEST_S, SumError, add_errors, estimate_sum_error, sum_bins
+from ces_identify.limits import ComparisonLimits, ErrorLimits
+from ces_identify.numerics.correlation import SumError, add_errors, estimate_sum_error, sum_bins
 
-ROUNDING = 1e-4  # of the cost: smaller differences are rounding, not better models
-MIN_SECONDS = 2.0 * SLOWEST_S  # of all recordings together
-LEVEL = 0.95
 BETTER, SAME, SHORT = "better", "cannot be told apart", "too short to know"
 NO_TEST, DIVERGED = "not a test", "diverged"
 
@@ -85,7 +83,7 @@ class DifferenceErrors:
             return True
         if self.is_rounding or self.p_value() < alpha:
             return False
-        return self.seconds < MIN_SECONDS or self.error.fast_p_value(self.value) < alpha
+        return self.seconds < ComparisonLimits.MIN_SECONDS or self.error.fast_p_value(self.value) < alpha
 
 
 def pooled_costs(recordings: Sequence[AlignedRecording]) -> F:
@@ -98,14 +96,14 @@ def find_differences(recordings: Sequence[AlignedRecording], pairs: Sequence[Pai
     """Return the difference of pooled J, with its error, for each pair of models; none of them may have diverged."""
     costs, seconds = pooled_costs(recordings), sum(r.seconds for r in recordings)
     influences = [influence_of_bins(r, costs, sum(map(_spread, recordings))) for r in recordings]
-    enough = all(one.shape[1] >= MIN_BINS for one in influences)
+    enough = all(one.shape[1] >= ErrorLimits.MIN_BINS for one in influences)
     found = []
     for first, second in pairs:
         sums = (
             estimate_sum_error(x[first] - x[second], r.seconds) for x, r in zip(influences, recordings, strict=True)
         )
         error = add_errors(list(sums)) if enough else None
-        rounding = ROUNDING * float(max(costs[first], costs[second]))
+        rounding = ErrorLimits.ROUNDING * float(max(costs[first], costs[second]))
         found.append(DifferenceErrors(float(costs[first] - costs[second]), error, seconds, rounding))
     return found
 
@@ -175,22 +173,25 @@ def compare_pairs(
 
     The pairs that can be tested are tested together, by Holm's procedure.
     """
-    pairs = list(combinations(range(len(names)), 2))
+    pairs, alpha = list(combinations(range(len(names)), 2)), 1.0 - ErrorLimits.LEVEL
     common = _find_tests(uses, range(len(names)))
     tests = {pair: common or _find_tests(uses, pair) for pair in pairs}
     used = {pair: [recordings[i] for i in tests[pair] or range(len(recordings))] for pair in pairs}
     errors = _find_errors(used)
     tested = [pair for pair, one in errors.items() if tests[pair] and one.error is not None]
     p_values = [errors[pair].p_value() for pair in tested]
-    levels = dict(zip(tested, step_levels(p_values, 1.0 - LEVEL), strict=True))
+    levels = dict(zip(tested, step_levels(p_values, alpha), strict=True))
     adjusted = dict(zip(tested, adjusted_p_values(p_values), strict=True))
     single = [_find_errors({pair: [recording] for pair in pairs}) for recording in recordings]
     return [
         _pair_result(
             pair,
             names,
-            _difference(used[pair], errors.get(pair), levels.get(pair, 1.0 - LEVEL)),
-            tuple(_difference([r], one.get(pair), 1.0 - LEVEL) for r, one in zip(recordings, single, strict=True)),
+            _difference(used[pair], errors.get(pair), levels.get(pair, alpha)),
+            tuple(
+                _difference([r], errors_there.get(pair), alpha)
+                for r, errors_there in zip(recordings, single, strict=True)
+            ),
             adjusted.get(pair),
             bool(tests[pair]),
         )

@@ -1,7 +1,7 @@
 /* The compiled tick for CPython, `ces_observer._tick`: functions of ces_core.h with the buffers of their arrays.
  *
  * bind(name, *arrays) returns a function of the numbers that remain. Its arrays stay where they are as long as it is
- * there: an array.array that is bound cannot change its length. tick_calls.h is printed by c_extension.py; it holds
+ * there: an array.array that is bound cannot change its length. tick_calls.h is printed by c_printer.py; it holds
  * a wrapper for each entry point and the table ENTRIES.
  */
 #define PY_SSIZE_T_CLEAN

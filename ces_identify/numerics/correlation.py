@@ -29,9 +29,17 @@ from scipy.linalg import toeplitz
 from scipy.special import fdtri, stdtr, stdtrit
 
 from ces_data.arrays import F, I, Mask
+from ces_identify.limits import ErrorLimits
 
 INSIGNIFICANT_IN_A_ROW = 5  # lags: K_N of Politis & White
 FLAT = 0.5  # share of the flat-top window that is flat
+
+
+def noise_rms(values: F) -> float:
+    """Return the RMS of the white noise in samples (n,), by the median of their third differences; 0 of less than 8."""
+    if len(values) < 8:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(np.diff(values, 3))) / math.sqrt(20.0))
 
 
 def find_runs(mask: Mask, segments: I) -> I:
@@ -89,13 +97,6 @@ def flat_top(max_lag: int) -> F:
     return np.asarray(np.clip((1.0 - share) / (1.0 - FLAT), 0.0, 1.0))
 
 
-SLOWEST_S = 4.0  # [s] correlation time of the slowest changes that are taken to be possible
-MIN_SHARE = 1.0 / 15.0  # of a recording's duration, for that time
-COSINES = 0.6  # times the inverse share: cosines that are used
-MIN_COSINES = 4
-ALARM, ALARM_SHARE = 0.9, 0.3
-BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
-MIN_BINS = 100  # of a recording: 1 s
 FINE = 1024  # steps for the variances of the slowest process
 
 
@@ -123,20 +124,21 @@ class SumError:
 
 def sum_bins(x: F, rate_Hz: float) -> F:
     """Return the sums of x (..., n) over bins of BIN_S; fewer than MIN_BINS are too few for an error."""
-    starts = np.arange(0, x.shape[-1], max(1, round(BIN_S * rate_Hz)))
+    starts = np.arange(0, x.shape[-1], max(1, round(ErrorLimits.BIN_S * rate_Hz)))
     return np.asarray(np.add.reduceat(x, starts, axis=-1))
 
 
 def estimate_sum_error(x: F, seconds: float) -> SumError:
     """Return the error of the sum of x (n,), at least MIN_BINS values that last `seconds`."""
-    share = max(SLOWEST_S / seconds, MIN_SHARE)
-    count = max(MIN_COSINES, int(round(COSINES / share, 6)))
+    share = max(ErrorLimits.SLOWEST_S / seconds, ErrorLimits.MIN_SHARE)
+    count = max(ErrorLimits.MIN_COSINES, int(round(ErrorLimits.COSINES / share, 6)))
     squares = 0.5 * dct(x, type=2)[1 : count + 1] ** 2
     scaled = squares / relative_variances(share, count)
     variance, freedom = float(scaled.mean()), float(count)
-    if _is_slower(scaled) and share < ALARM_SHARE:
-        slower = float((squares[:MIN_COSINES] / relative_variances(ALARM_SHARE, MIN_COSINES)).mean())
-        variance, freedom = max(variance, slower), float(MIN_COSINES)
+    if _is_slower(scaled) and share < ErrorLimits.ALARM_SHARE:
+        few = ErrorLimits.MIN_COSINES
+        slower = float((squares[:few] / relative_variances(ErrorLimits.ALARM_SHARE, few)).mean())
+        variance, freedom = max(variance, slower), float(few)
     return SumError(variance, freedom, float(squares.mean()), float(count))
 
 
@@ -165,7 +167,7 @@ def _is_slower(scaled: F) -> bool:
     """Return whether the slowest projections are larger than the assumed bound makes plausible."""
     slow = int(np.clip(len(scaled) // 3, 2, 3))
     rest = float(scaled[slow:].mean())
-    return float(scaled[:slow].mean()) > rest * float(fdtri(slow, len(scaled) - slow, ALARM))
+    return float(scaled[:slow].mean()) > rest * float(fdtri(slow, len(scaled) - slow, ErrorLimits.ALARM))
 
 
 def _add(parts: Sequence[tuple[float, float]]) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from ces_data.arrays import F, I
 from ces_identify.physical.laws import NODES, STARTS, STEP, KindStart, LawEdge, NodeEdge
-from ces_identify.trained.training import Training
+from ces_identify.training import Training
 from ces_observer.structures.hydraulic import NEVER_S, RELAXATIONS
 
 CURRENTS = 6  # nodes of the valve's characteristic

@@ -24,7 +24,7 @@ from ces_identify.physical.layout import (
     first_layout,
     positive_group,
 )
-from ces_identify.trained.training import Training
+from ces_identify.training import Training
 from ces_observer.structures.curves import MIN_OPENING, Bypass, FlowMap, IncreasingCurve
 from ces_observer.structures.hydraulic import NEVER_S, Hydraulic
 from ces_observer.structures.physical import LONG_TICK, FrictionElement, SideForces, ValvePath

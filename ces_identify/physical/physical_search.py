@@ -17,12 +17,11 @@ from functools import partial
 import numpy as np
 
 from ces_data.arrays import F
-from ces_identify.numerics import search_clock
-from ces_identify.numerics.levenberg import CentredProblem, descend_about_centre
+from ces_identify.numerics.least_squares import CentredProblem, descend_about_centre
+from ces_identify.numerics.search import Limits, Listener, SearchResult, clock_s, reason_to_end
 from ces_identify.physical.layout import DataScales
 from ces_identify.physical.models import HydraulicModels
-from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end
-from ces_identify.trained.training import Training
+from ces_identify.training import Training
 
 LAW_STEPS, NODE_STEPS, LAST_STEPS = 8, 8, 6  # of each of two descents on laws, on nodes, and the last to all ticks
 STIFF = 30.0  # in the first, all but the laws is pulled so much more strongly: far from the data it would run away
@@ -56,7 +55,7 @@ class PhysicalSearch:
 
     def __post_init__(self) -> None:
         self.stop = self.limits.stop or threading.Event()
-        self._deadline = search_clock.now() + self.limits.time
+        self._deadline = clock_s() + self.limits.time
         self._lock = threading.Lock()
         self._best = np.inf
         self._trials = 0

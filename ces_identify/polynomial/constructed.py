@@ -15,13 +15,13 @@ from math import inf
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.numerics import search_clock
+from ces_identify.limits import ChoiceLimits
+from ces_identify.numerics.search import Limits, SearchResult, clock_s
 from ces_identify.polynomial.candidates import CandidateRules, SignalRule
-from ces_identify.polynomial.compiled_terms import signal_values
-from ces_identify.polynomial.gauss_newton import GaussNewtonStart, fit_free_run
-from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen
+from ces_identify.polynomial.free_run_fit import fit_free_run
+from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen, signal_values
 from ces_identify.polynomial.rules_file import FIRST_GUESS_S, constructions_from
-from ces_identify.polynomial.search_limits import Limits, SearchResult
+from ces_identify.polynomial.selection import GaussNewtonStart
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
 from ces_observer.errors import CesError
@@ -143,7 +143,7 @@ def find_time_constants(
 
     When the time is up, one that has not been searched for is FIRST_GUESS_S.
     """
-    end = search_clock.now() + limits.time
+    end = clock_s() + limits.time
 
     def problem(name: str, seconds: float, chosen: I | None = None) -> Problem:
         return _coarse_problem(rules.with_time_constant(name, seconds), series, stable, weighting, chosen)
@@ -154,7 +154,7 @@ def find_time_constants(
             tried.append(guess)
             rules = rules.with_time_constant(name, guess)
             found = _search_shortly(problem(name, guess), limits.within(end))
-            if search_clock.now() > end:
+            if clock_s() > end:
                 break
             cost = cache(partial(_cost_after_refit, partial(problem, name), found))
             best = GRID_S.index(min(GRID_S[1::EVERY], key=cost))
@@ -164,7 +164,6 @@ def find_time_constants(
 
 
 SUB_MODELS, BY_STROKE = 5, "by_position"  # over the stroke, and their name
-STROKE_GAIN = 0.8  # share of the selection cost below which sub-models over the stroke count
 STROKE_ENDS = (0.01, 0.99)  # quantiles of the position: the outer sub-models
 MIN_STROKE_M = 1e-3
 
@@ -183,10 +182,10 @@ def add_stroke_if_needed(
     blended = add_blend(rules, f"position:{peaks}")
     kept = tuple(p for p in blended.products if not {"force", BY_STROKE} <= set(p))  # else most proofs fail
     blended = replace(blended, products=kept)
-    end = search_clock.now() + limits.time
+    end = clock_s() + limits.time
     tried = (_coarse_problem(one, series, stable, weighting) for one in (rules, blended))
     costs = [_search_shortly(problem, limits.within(end)).cost for problem in tried]
-    return blended if costs[1] < STROKE_GAIN * costs[0] and search_clock.now() <= end else rules
+    return blended if costs[1] < ChoiceLimits.SUB_MODEL_GAIN * costs[0] and clock_s() <= end else rules
 
 
 def _coarse_problem(
@@ -201,7 +200,7 @@ def _coarse_problem(
 
 def _search_shortly(problem: Problem, limits: Limits) -> SearchResult:
     short = replace(limits, target=0.0, terms=TERMS, exchanges=False)
-    end = search_clock.now() + limits.time
+    end = clock_s() + limits.time
     return GaussNewtonStart(problem, short, limits.seed, end, threading.Event(), lambda result: None).run()
 
 

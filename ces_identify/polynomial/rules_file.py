@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
+from ces_identify.numerics.search import GAUSS_NEWTON, THESIS
 from ces_identify.polynomial.candidates import (
     FORMS,
     SIGNALS,
@@ -20,7 +21,6 @@ from ces_identify.polynomial.candidates import (
     SignalRule,
     merge_signs,
 )
-from ces_identify.polynomial.search_limits import GAUSS_NEWTON, THESIS
 from ces_observer.errors import CesError, ModelError
 from ces_observer.fields import Field, Schema, require_known_keys
 from ces_observer.records import OneOf, Record, bounded, part, read_record, record_schema

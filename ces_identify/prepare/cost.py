@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.arrays import F, Mask
+from ces_identify.limits import TickLimits, WeightLimits
 from ces_identify.prepare.series import Series
 from ces_observer.errors import CesError, RecordingError
 from ces_observer.structures.structure import Range
@@ -54,8 +55,9 @@ def series_cost(series: Series, simulated: NDArray[np.float64]) -> float:
 def require_force(series: Series) -> None:
     """Raise RecordingError if the measured force of `series` is too short or constant."""
     count = int(series.scored.sum())
-    if count < 50:
-        raise RecordingError(f"{series.name}: {count} ticks with a measured force past warm-up; expected at least 50")
+    if count < TickLimits.MIN_SCORED:
+        text = f"{count} ticks with a measured force past warm-up; expected at least {TickLimits.MIN_SCORED}"
+        raise RecordingError(f"{series.name}: {text}")
     if np.ptp(series.force[series.scored]) == 0.0:
         raise RecordingError(
             f"{series.name}: measured force is constant; check its topic and field in the signals file"
@@ -63,10 +65,7 @@ def require_force(series: Series) -> None:
 
 
 ZERO_CROSSING, STROKE_ENDS = "zero_crossing", "stroke_ends"
-SLOW_M_S = 0.05  # |speed| of a zero crossing, by default
-CENTRAL = 0.8  # share of the stroke between its ends, by default
 SIGNALS = ("speed", "current", "position", STROKE_ENDS)
-MAX_WEIGHT = 1e6
 FORMS = "zero_crossing[:SPEED]=W, stroke_ends[:CENTRAL_SHARE]=W, or speed|current|position:FROM..TO=W"
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 WORD = re.compile(rf"(?P<region>\w+)(?::(?P<low>{NUMBER})(?:\.\.(?P<high>{NUMBER}))?)?=(?P<weight>{NUMBER})", re.ASCII)
@@ -136,19 +135,19 @@ def _parse_region(word: str) -> Region:
         signal, weight = match["region"], float(match["weight"])
         low, high = (math.nan if match[end] is None else float(match[end]) for end in ("low", "high"))
         if signal == ZERO_CROSSING and match["high"] is None:
-            width = SLOW_M_S if match["low"] is None else low
+            width = WeightLimits.SLOW_M_S if match["low"] is None else low
             signal, low, high = "speed", -width, width
         elif signal == STROKE_ENDS and match["high"] is None:
-            central = CENTRAL if match["low"] is None else low
+            central = WeightLimits.CENTRAL if match["low"] is None else low
             low, high = 0.5 - central / 2, 0.5 + central / 2
         elif signal == STROKE_ENDS:
             low = math.nan
         least = 0.0 if signal == STROKE_ENDS else -math.inf
-        if signal in SIGNALS and least < low < high < math.inf and 0.0 <= weight <= MAX_WEIGHT:
+        if signal in SIGNALS and least < low < high < math.inf and 0.0 <= weight <= WeightLimits.MAX_WEIGHT:
             return Region(signal, (low, high), weight, word)
     raise CesError(
         f"--weight '{word}': expected {FORMS}, with SPEED above 0 m/s, CENTRAL_SHARE above 0 and below 1, FROM below "
-        f"TO (m/s, A or m), and W from 0 to {MAX_WEIGHT:g}"
+        f"TO (m/s, A or m), and W from 0 to {WeightLimits.MAX_WEIGHT:g}"
     )
 
 

@@ -19,15 +19,13 @@ from ces_data.checks.derivatives import compare_derivative, describe_faults
 from ces_data.findings import WRONG_MODEL
 from ces_data.recording import Recording
 from ces_data.samples import remove_spikes
-from ces_identify.numerics.speed_kernels import Tracked, track
-from ces_identify.prepare.series import select_samples, usable_samples
+from ces_identify.limits import SamplingLimits, TickLimits
+from ces_identify.prepare.series import Tracked, select_samples, track, usable_samples
 from ces_observer.bank_design import ACCELERATION, SPEED
 from ces_observer.errors import RecordingError
 from ces_observer.model import FREQUENCIES_HZ, MAX_DELAY_S, Sampling
 
 SPEEDS = POSITION, MEASURED = ("position", "measured")  # what the speed of a model comes from
-WINDOW_S = 4.0  # [s] of a Welch segment
-MIN_SAMPLES = 64  # of a stretch that enters the spectrum
 
 
 @dataclass(frozen=True)
@@ -44,10 +42,15 @@ def sample_rate(recording: Recording) -> float:
     stamps = recording.channel("position").stamps_ns
     steps = np.diff(stamps)
     steps = steps[steps > 0]
-    if len(steps) < 10:
+    if len(steps) < TickLimits.MIN_SAMPLES:
         raise RecordingError(f"{recording.name}: {len(stamps)} position samples; expected at least ten in time order")
     typical = np.median(steps)
     return float(1e9 / steps[np.abs(steps - typical) < 0.5 * typical].mean())
+
+
+def longest_gap_s(rate_Hz: float) -> float:
+    """Return the longest time [s] between samples at a rate that is not a gap."""
+    return max(TickLimits.MIN_GAP_S, TickLimits.GAP_SAMPLES / rate_Hz)
 
 
 def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:
@@ -59,19 +62,20 @@ def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:
     samples = usable_samples(recording, 1e6)
     if np.ptp(samples.position) == 0.0:
         raise RecordingError(f"{recording.name}: position does not move; check its topic and field in the signals file")
-    window = 2 ** round(np.log2(max(WINDOW_S * rate, MIN_SAMPLES)))
+    window = 2 ** round(np.log2(max(SamplingLimits.WINDOW_S * rate, SamplingLimits.MIN_SAMPLES)))
     power, weight = np.zeros(window // 2), 0
     breaks = np.flatnonzero(np.abs(np.diff(samples.stamps_ns)) > max_gap_s * 1e9) + 1
     for stamps, position in zip(np.split(samples.stamps_ns, breaks), np.split(samples.position, breaks), strict=True):
         in_time = np.append(True, stamps[1:] > np.maximum.accumulate(stamps)[:-1])
-        if in_time.sum() < MIN_SAMPLES:
+        if in_time.sum() < SamplingLimits.MIN_SAMPLES:
             continue
         time = (stamps[in_time] - stamps[0]) * 1e-9
         even = _resample_evenly(time, remove_spikes(position[in_time]), rate)
         density = welch(even, rate, nperseg=min(window, len(even)), nfft=window, detrend="linear")[1]
         power, weight = power + len(even) * density[1:], weight + len(even)
     if weight == 0:
-        raise RecordingError(f"{recording.name}: no {MIN_SAMPLES} position samples in a row without a gap")
+        least = SamplingLimits.MIN_SAMPLES
+        raise RecordingError(f"{recording.name}: no {least} position samples in a row without a gap")
     return Spectrum(rate, np.arange(1, window // 2 + 1) * rate / window, power / weight)
 
 
@@ -99,25 +103,13 @@ def measure_motion_noise(recording: Recording, sampling: Sampling) -> float:
 
 
 def _spectrum(values: F, rate: float) -> Spectrum:
-    window = min(2 ** round(np.log2(WINDOW_S * rate)), len(values))
+    window = min(2 ** round(np.log2(SamplingLimits.WINDOW_S * rate)), len(values))
     frequency, power = welch(values, rate, nperseg=window, detrend="linear")
     return Spectrum(rate, frequency[1:], power[1:])
 
 
-RATE_SLACK = 1.01  # a nominal rate is a little above that of the stamps
-MIN_RATE, TICKS_A_PERIOD = 1000.0, 20.0  # [Hz] enough for damping forces, or so many ticks in a period of the stroke
-NOISE_FROM_HZ = 100.0  # [Hz] the stroke has no content above this, or a quarter of the sampling rate if lower
-MIN_NOISE, MIN_SPEED_M_S = 1e-6, 1e-4  # noise over the RMS speed in a tick
-OUTLIER_FACTOR = 25.0  # times the RMS of the innovations
-OUTLIER_S = 2.5e-3  # [s] or the RMS speed in this time, or in two ticks, so that a restart in motion succeeds
-STROKE_MARGIN_M = 0.05  # [m] beyond the recorded stroke, or its length if that is more: positions that are believed
-WIDER_HZ = ((3.0, 7.5, 18.75, 46.9, 117.2), (6.0, 15.0, 37.5, 93.8, 234.4))  # modes for strokes beyond vehicles'
-MIN_GAIN = 0.1  # of the log likelihood per tick, for these
 NOISES = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # over that just above the stroke, extrapolated as white
-HIGHEST_SHARE = 0.125  # of the rate: the modes' frequencies
-MAX_SAMPLES = 30_000  # of a recording, for the likelihood
 LIKELIHOOD_GAP_TICKS = 3.5
-DELAY_SLACK = 0.02  # ticks
 
 
 def choose_sampling(
@@ -133,11 +125,12 @@ def choose_sampling(
     """
     rates = [sample_rate(recording) for recording in recordings]
     _require_rate(recordings, rates, rate_Hz)
-    slowest, gap = min(float(f"{r:.4g}") for r in rates), max(0.05, 10.0 / min(rates))
+    slowest, gap = min(float(f"{r:.4g}") for r in rates), longest_gap_s(min(rates))
     spectra = [position_spectrum(recording, gap) for recording in recordings]
-    speed = max(float(f"{_rms([speed_rms(s) for s in spectra]):.3g}"), MIN_SPEED_M_S)
+    speed = max(float(f"{_rms([speed_rms(s) for s in spectra]):.3g}"), SamplingLimits.MIN_SPEED_M_S)
     density = float(np.mean([noise_density(s) for s in spectra]))
-    widest = min(slowest, TICKS_A_PERIOD * WIDER_HZ[-1][-1]) if rate_Hz is None else rate_Hz
+    ticks, wider_Hz = SamplingLimits.TICKS_A_PERIOD, SamplingLimits.WIDER_HZ
+    widest = min(slowest, ticks * wider_Hz[-1][-1]) if rate_Hz is None else rate_Hz
     sampling = Sampling(
         widest, 1.0, speed, believed_stroke(recordings), 1.0, max_gap_s=gap,
         motion=choose_motion(recordings) if motion is None else motion,
@@ -145,12 +138,13 @@ def choose_sampling(
     if sampling.motion:
         noise = _rms([measure_motion_noise(recording, sampling) for recording in recordings])
         sampling = replace(sampling, motion_noise=float(f"{max(noise, 1e-9):.3g}"))
-    chosen, innovation = _most_likely(recordings, sampling, density, (FREQUENCIES_HZ, *WIDER_HZ))
-    rate = min(widest, max(MIN_RATE, TICKS_A_PERIOD * chosen.frequencies_Hz[-1])) if rate_Hz is None else rate_Hz
+    chosen, innovation = _most_likely(recordings, sampling, density, (FREQUENCIES_HZ, *wider_Hz))
+    enough_Hz = max(SamplingLimits.MIN_RATE_HZ, ticks * chosen.frequencies_Hz[-1])
+    rate = min(widest, enough_Hz) if rate_Hz is None else rate_Hz
     if rate != widest:
         slower = replace(sampling, rate_Hz=rate)
         chosen, innovation = _most_likely(recordings, slower, density, (chosen.frequencies_Hz,))
-    outlier = max(OUTLIER_FACTOR * innovation, max(OUTLIER_S, 2.0 / rate) * speed)
+    outlier = max(SamplingLimits.OUTLIER_FACTOR * innovation, max(SamplingLimits.OUTLIER_S, 2.0 / rate) * speed)
     return replace(chosen, outlier_m=float(f"{outlier:.3g}"), delay_s=require_delay(delay_s, rate))
 
 
@@ -161,13 +155,14 @@ def _most_likely(
 
     `density` [m2/Hz] is that of the noise. The first modes are kept unless others are clearly likelier.
     """
-    white = max(np.sqrt(0.5 * density * sampling.rate_Hz), MIN_NOISE * sampling.speed_m_s / sampling.rate_Hz, 1e-9)
-    limit, found = HIGHEST_SHARE * sampling.rate_Hz, []
+    least = max(SamplingLimits.MIN_NOISE * sampling.speed_m_s / sampling.rate_Hz, 1e-9)
+    white = max(np.sqrt(0.5 * density * sampling.rate_Hz), least)
+    limit, found = SamplingLimits.HIGHEST_SHARE * sampling.rate_Hz, []
     for frequencies in modes:
         known = tuple(f for f in frequencies if f <= limit) or (limit,)
         found.append(_most_likely_noise(recordings, replace(sampling, frequencies_Hz=known), white))
     likeliest = max(found, key=lambda one: one[0])
-    _, innovation, chosen = likeliest if likeliest[0] > found[0][0] + MIN_GAIN else found[0]
+    _, innovation, chosen = likeliest if likeliest[0] > found[0][0] + SamplingLimits.MIN_LIKELIHOOD_GAIN else found[0]
     return chosen, innovation
 
 
@@ -189,7 +184,7 @@ def _most_likely_noise(
 
 def _track(recording: Recording, sampling: Sampling) -> Tracked:
     """Return the ticks of the beginning of a recording without spikes; short gaps need fewer gains."""
-    samples, n = select_samples(recording, sampling), MAX_SAMPLES
+    samples, n = select_samples(recording, sampling), SamplingLimits.MAX_SAMPLES
     sampling = replace(sampling, max_gap_s=min(sampling.max_gap_s, LIKELIHOOD_GAP_TICKS / sampling.rate_Hz))
     return track(samples.stamps_ns[:n], remove_spikes(samples.position)[:n], sampling, samples.motion[:n])
 
@@ -201,7 +196,7 @@ def _rms(values: Sequence[float]) -> float:
 def require_delay(delay_s: float, rate_Hz: float) -> float:
     """Return the delay; raises RecordingError unless it is a whole number of ticks up to MAX_DELAY_S."""
     ticks = delay_s * rate_Hz
-    if not (0.0 <= delay_s <= MAX_DELAY_S and abs(ticks - round(ticks)) <= DELAY_SLACK):
+    if not (0.0 <= delay_s <= MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
         near = round(ticks) if np.isfinite(ticks) else 1
         raise RecordingError(
             f"--delay {delay_s:g}: expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) "
@@ -219,14 +214,14 @@ def believed_stroke(recordings: Sequence[Recording]) -> tuple[float, float]:
     """Return the range [m] in which positions are believed: the recorded stroke, without spikes, and a margin."""
     strokes = [remove_spikes(usable_samples(recording, 1e6).position) for recording in recordings]
     low, high = min(float(x.min()) for x in strokes), max(float(x.max()) for x in strokes)
-    margin = max(high - low, STROKE_MARGIN_M)
+    margin = max(high - low, SamplingLimits.STROKE_MARGIN_M)
     return float(f"{low - margin:.4g}"), float(f"{high + margin:.4g}")
 
 
 def _require_rate(recordings: Sequence[Recording], rates: Sequence[float], rate_Hz: float | None) -> None:
     """Raise RecordingError for a rate above that of the slowest positions."""
     slowest, name = min(zip(rates, (recording.name for recording in recordings), strict=True), key=lambda one: one[0])
-    if rate_Hz is not None and rate_Hz > RATE_SLACK * slowest:
+    if rate_Hz is not None and rate_Hz > SamplingLimits.RATE_SLACK * slowest:
         data = f"the positions in {name} are at {slowest:.5g} Hz"
         raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
 
@@ -266,7 +261,7 @@ def noise_density(spectrum: Spectrum) -> float:
 
 
 def _knee(spectrum: Spectrum) -> float:
-    return min(NOISE_FROM_HZ, 0.25 * spectrum.rate_Hz)
+    return min(SamplingLimits.NOISE_FROM_HZ, SamplingLimits.NOISE_FROM_SHARE * spectrum.rate_Hz)
 
 
 def speed_rms(spectrum: Spectrum) -> float:

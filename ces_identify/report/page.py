@@ -40,8 +40,7 @@ from ces_identify.validation.lacks import UNDETERMINED, head_lines
 from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
-from ces_report.charts import SIZES, draw_chart
-from ces_report.plot import share_points
+from ces_report.plot import SIZES, draw_chart, share_points
 from ces_report.shell import format_key, page_template, replace_unencodable
 from ces_report.typesetting import join_names, minus, three_figures
 

@@ -250,7 +250,7 @@ class FmuSimulation(Simulation):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The variables of causality parameter."""
-        return tuple(with_defaults([parameter for parameter, _ in self.declared], self.values))
+        return with_defaults([parameter for parameter, _ in self.declared], self.values)
 
     def with_values(self, values: Mapping[str, float]) -> FmuSimulation:
         """Return the FMU with other start values of some parameters."""

@@ -1,14 +1,15 @@
 """Named numbers that a simulation declares and that may be fitted: their default, bounds and unit.
 
 A Python function declares them by keyword-only arguments with defaults, `def force(time_s, position_m, current_A, *,
-knee_m_s=0.12)`, the unit at the end of the name; an FMU by its variables of causality parameter.
+knee_m_s=0.12)`, the unit at the end of the name; an FMU by its variables of causality parameter. Those of a hydraulic
+model follow from its parts (`hydraulic_parameters`).
 """
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,7 +40,7 @@ def declared_parameters(function: Callable[..., Any], values: Mapping[str, float
         return ()
     numbers = [a for a in arguments if a.kind is a.KEYWORD_ONLY and is_number(a.default)]
     found = [Parameter(a.name, float(a.default), whole=isinstance(a.default, int)) for a in numbers]
-    return tuple(with_defaults(found, values))
+    return with_defaults(found, values)
 
 
 def is_number(value: object) -> bool:
@@ -47,6 +48,6 @@ def is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def with_defaults(parameters: list[Parameter], values: Mapping[str, float]) -> list[Parameter]:
+def with_defaults(parameters: Iterable[Parameter], values: Mapping[str, float]) -> tuple[Parameter, ...]:
     """Return the parameters with the `values` as their defaults."""
-    return [replace(p, default=float(values.get(p.name, p.default))) for p in parameters]
+    return tuple(replace(p, default=float(values.get(p.name, p.default))) for p in parameters)

@@ -8,9 +8,9 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Recording
-from ces_identify.prepare.series import FreeRun, Series, prepare, select_samples, track_samples
+from ces_identify.prepare.series import FreeRun, Series, Tracked, prepare, select_samples, track_samples
 from ces_identify.structures import run_batch
-from ces_observer.model import Model
+from ces_observer.model import Model, Sampling
 from ces_observer.structures.structure import Range
 from ces_observer.tick.tracker import OK, RESTARTED
 
@@ -57,11 +57,34 @@ def sample_force(model: Model, recording: Recording) -> F:
 
 def sample_run(model: Model, recording: Recording) -> SampleRun:
     """Return the free run of `model` at the position samples of `recording`."""
-    series = prepare(recording, model.sampling)
+    return run_opened(model, open_recording(recording, model.sampling))
+
+
+@dataclass(frozen=True)
+class OpenedRecording:
+    """A recording as models of one sampling see it: its `series`, and the samples with the ticks of each.
+
+    `index` and `tracked` are of the usable ones among `count` position samples.
+    """
+
+    series: Series
+    index: I
+    tracked: Tracked
+    count: int
+
+
+def open_recording(recording: Recording, sampling: Sampling) -> OpenedRecording:
+    """Return the recording as models of this sampling see it."""
+    samples = select_samples(recording, sampling)
+    tracked, count = track_samples(samples, sampling), len(recording.channel("position"))
+    return OpenedRecording(prepare(recording, sampling), samples.index, tracked, count)
+
+
+def run_opened(model: Model, opened: OpenedRecording) -> SampleRun:
+    """Return the free run of `model` at the position samples of a recording opened for its sampling."""
+    series, tracked = opened.series, opened.tracked
     run = simulate_series(model, series)
     force = run.force
-    samples = select_samples(recording, model.sampling)
-    tracked = track_samples(samples, model.sampling)
     newest = tracked.total - 1
     slope = force[newest] - force[np.maximum(newest - 1, 0)]
     at_samples = np.clip(force[newest] + slope * tracked.ahead, *model.force_envelope_N)
@@ -70,8 +93,8 @@ def sample_run(model: Model, recording: Recording) -> SampleRun:
     starts = series.segments[:, 0]
     since = newest - starts[np.searchsorted(starts, newest, side="right") - 1]
     at_samples[~taken | (since < round(model.warm_up_s * series.rate_Hz))] = np.nan
-    out, ticks = np.full(len(recording.channel("position")), np.nan), np.full(len(recording.channel("position")), -1)
-    out[samples.index], ticks[samples.index] = at_samples, newest
+    out, ticks = np.full(opened.count, np.nan), np.full(opened.count, -1)
+    out[opened.index], ticks[opened.index] = at_samples, newest
     return SampleRun(model, out, ticks, series, run)
 
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
-from ces_identify.prepare.series import interpolate_force, usable_samples
-from ces_identify.simulations.parameters import Parameter, declared_parameters
-from ces_identify.simulations.simulate import sample_force
+from ces_identify.prepare.series import PositionSamples, interpolate_force, usable_samples
+from ces_identify.simulations.hydraulic_parameters import change_hydraulic, hydraulic_parameters
+from ces_identify.simulations.parameters import Parameter, declared_parameters, with_defaults
+from ces_identify.simulations.simulate import OpenedRecording, open_recording, run_opened
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 
@@ -41,16 +42,44 @@ class Simulation(Protocol):
         """Return the simulation with other values of some of its `parameters`."""
         return self
 
+    def open(self, recording: Recording) -> Any:
+        """Return what runs on a recording share whatever the values, for `run`."""
+        return recording
+
+    def run(self, opened: Any) -> F:
+        """Return the force [N] as `force` does, on an opened recording."""
+        return self.force(opened)
+
 
 @dataclass(frozen=True)
 class ModelSimulation(Simulation):
-    """The free run of a model, as the estimator computes it."""
+    """The free run of a model, as the estimator computes it; with other `values` it is changed from `identified`."""
 
     model: Model
+    values: Mapping[str, float] = field(default_factory=dict, hash=False)
+    identified: Model | None = None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of a hydraulic model: its valves, oil, gas and friction."""
+        return with_defaults(hydraulic_parameters(self.identified or self.model), self.values)
+
+    def with_values(self, values: Mapping[str, float]) -> ModelSimulation:
+        """Return the model with other values."""
+        identified, changed = self.identified or self.model, {**self.values, **values}
+        return ModelSimulation(change_hydraulic(identified, changed), changed, identified) if changed else self
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample."""
-        return sample_force(self.model, recording)
+        return self.run(self.open(recording))
+
+    def open(self, recording: Recording) -> OpenedRecording:
+        """Return the ticks of the recording."""
+        return open_recording(recording, self.model.sampling)
+
+    def run(self, opened: OpenedRecording) -> F:
+        """Return the force [N] at every position sample."""
+        return run_opened(self.model, opened).force
 
 
 @dataclass(frozen=True)
@@ -73,10 +102,19 @@ class FunctionSimulation(Simulation):
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample; raises CesError if the function or its values are invalid."""
-        samples = usable_samples(recording, 1e6)
-        time = (samples.stamps_ns - recording.channel("position").stamps_ns[0]) * 1e-9
+        return self.run(self.open(recording))
+
+    def open(self, recording: Recording) -> tuple[F, PositionSamples, int]:
+        """Return the times [s] of the usable samples, the samples, and the number of all."""
+        samples, logged = usable_samples(recording, 1e6), recording.channel("position")
+        return (samples.stamps_ns - logged.stamps_ns[0]) * 1e-9, samples, len(logged)
+
+    def run(self, opened: tuple[F, PositionSamples, int]) -> F:
+        """Return the force [N] at every position sample."""
+        time, samples, count = opened
         try:
-            force = self.function(time, samples.position, samples.current, **self.values)
+            given = (values.copy() for values in (time, samples.position, samples.current))
+            force = self.function(*given, **self.values)
             force = np.asarray(force, dtype=np.float64)
         except CesError:
             raise
@@ -88,7 +126,7 @@ class FunctionSimulation(Simulation):
         if not np.isfinite(force).all():
             bad = int(np.argmin(np.isfinite(force)))
             raise CesError(f"{self.name}: returned {force[bad]} at {time[bad]:.3f} s; expected finite forces")
-        out = np.full(len(recording.channel("position")), np.nan)
+        out = np.full(count, np.nan)
         out[samples.index] = force
         return out
 

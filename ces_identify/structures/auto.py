@@ -15,8 +15,8 @@ from functools import partial
 from math import inf
 
 from ces_data.arrays import F
-from ces_identify.numerics import search_clock
-from ces_identify.polynomial.search_limits import INTERRUPTED, THESIS, Listener
+from ces_identify.limits import ChoiceLimits
+from ces_identify.numerics.search import INTERRUPTED, THESIS, Listener, clock_s
 from ces_identify.prepare.series import Series
 from ces_identify.structures import KITS, run_batch
 from ces_identify.structures.forgetting import find_forgetting
@@ -27,11 +27,6 @@ from ces_observer.structures.mixture import Mixture, WeightedModel
 
 AUTO = "auto"
 REASON = "structures_reason"  # key of the provenance
-ALIKE = 1.6  # ratio to the best cost up to which a structure belongs to the mean (shaking table: at 1.3, 6.3 for 6.0 %)
-HOPELESS = 3.0  # and beyond which half of a fit is enough
-SHORT_WORK = 0.12  # of the fit of a structure with physics beside a chosen one without
-SHORT_SHARE = 0.35  # of a time limit, for these fits
-CLEARLY_BETTER = 0.9  # share of the chosen structure's cost
 
 
 @dataclass(frozen=True)
@@ -72,7 +67,7 @@ class _Fits:
     listener: Listener
 
     def __post_init__(self) -> None:
-        self.end_s = search_clock.now() + self.options.limits.time
+        self.end_s = clock_s() + self.options.limits.time
         self.found: dict[str, Fitted] = {}
         self._is_over = False
         self._stop = threading.Event()
@@ -98,7 +93,7 @@ class _Fits:
         limits = self.options.limits
         best = min((fitted.results[0].cost for fitted in self.found.values()), default=inf)
         mine = limits.within(self.end_s, share)
-        hopeless = HOPELESS * best if work < 1.0 else inf
+        hopeless = ChoiceLimits.HOPELESS * best if work < 1.0 else inf
         own = replace(mine, work=limits.work * work, hopeless=hopeless, stop=self._stop)
         try:
             how = replace(self.options, limits=own)
@@ -121,9 +116,8 @@ class _Fits:
     def alike(self) -> list[str]:
         """Return the structures whose cost is at most ALIKE times the least, best first."""
         costs = {name: fitted.results[0].cost for name, fitted in self.found.items()}
-        return [
-            name for name in sorted(costs, key=lambda name: costs[name]) if costs[name] <= ALIKE * min(costs.values())
-        ]
+        highest = ChoiceLimits.ALIKE * min(costs.values(), default=inf)
+        return [name for name in sorted(costs, key=lambda name: costs[name]) if costs[name] <= highest]
 
 
 def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
@@ -132,9 +126,9 @@ def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
     shares = [1.0 / max(costs[name], 1e-9) for name in alike]
     weights = [share / sum(shares) for share in shares]
     taken = " and ".join(f"{name} ({weight:.2f})" for name, weight in zip(alike, weights, strict=True))
-    reason = f"{alike[0]} is taken: the next costs more than {ALIKE:g} times as much"
+    reason = f"{alike[0]} is taken: the next costs more than {ChoiceLimits.ALIKE:g} times as much"
     if len(alike) > 1:
-        reason = f"the mean of {taken} is taken, which cost at most {ALIKE:g} times as much as the best"
+        reason = f"the mean of {taken} is taken, which cost at most {ChoiceLimits.ALIKE:g} times as much as the best"
     facts = {"structure": " and ".join(alike), "structures": _round_costs(costs), REASON: reason}
     first = fits[alike[0]]
     if len(alike) == 1:
@@ -190,9 +184,10 @@ def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
         limits = options.limits
         if limits.method == THESIS or not physical_structures():
             return fitter(series, sampling, options, listener)
-        end = search_clock.now() + limits.time
-        fitted = fitter(series, sampling, replace(options, limits=limits.within(end, 1.0 - SHORT_SHARE)), listener)
-        short = replace(options, limits=replace(limits.within(end), work=SHORT_WORK))
+        end = clock_s() + limits.time
+        longer = replace(options, limits=limits.within(end, 1.0 - ChoiceLimits.SHORT_SHARE))
+        fitted = fitter(series, sampling, longer, listener)
+        short = replace(options, limits=replace(limits.within(end), work=ChoiceLimits.SHORT_WORK))
         costs = {option: fitted.results[0].cost}
         for name in physical_structures():
             try:
@@ -211,7 +206,7 @@ def _round_costs(costs: Mapping[str, float]) -> dict[str, float]:
 def advise(costs: Mapping[str, float], chosen: str) -> str:
     """Return a sentence on a structure that is clearly better than the chosen one, or nothing."""
     best = min(costs, key=lambda name: costs[name])
-    if chosen not in costs or best == chosen or costs[best] > CLEARLY_BETTER * costs[chosen]:
+    if chosen not in costs or best == chosen or costs[best] > ChoiceLimits.CLEARLY_BETTER * costs[chosen]:
         return ""
     return (
         f"On blocks left out of the fits, '{best}' reads J {costs[best]:.2f} %, '{chosen}' {costs[chosen]:.2f} %: "

@@ -14,21 +14,16 @@ from functools import partial
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
+from ces_identify.limits import ForgettingLimits
 from ces_identify.numerics.core import run_batch
 from ces_identify.prepare.series import Series
 from ces_observer.model import Model
 
-PAST_S, JOIN_S = 2.0, 0.25  # length of a past, and of the way from its end to where the same input begins
-TAIL = 0.05  # share of the time at the end in which differences count
 PASTS = 24
 SLOW = 0.05  # of the fastest speed, in slow triangles
 NOISE_HZ = (0.3, 12.0)
 SERIES = 3  # of the recordings, the longest
 RESTARTS = 8  # along each
-WINDOW_S = (
-    0.1  # in which RMS differences count: a check valve may close a tick later (UTFSM sweep at 0 A: 3 % for a tick)
-)
-LEFT = 0.01  # of the force's spread: less is forgotten
 
 Course = F
 """Inputs (3, ticks): position [m], speed [m/s] and current [A]."""
@@ -59,11 +54,11 @@ class Forgetting:
     @property
     def suffices(self) -> bool:
         """Whether less than LEFT is left in time."""
-        return self.largest <= LEFT and self.settles_s <= self.after_s
+        return self.largest <= ForgettingLimits.LEFT and self.settles_s <= self.after_s
 
     def describe(self) -> str:
         """Return what is left, in words."""
-        if self.largest > LEFT:
+        if self.largest > ForgettingLimits.LEFT:
             worst = max(self.left, key=lambda name: self.left[name])
             return f"{100.0 * self.largest:.3g} % of its force's spread is left after {self.after_s:g} s ({worst})"
         return f"it settles on its recordings in {self.settles_s:.3g} s"
@@ -101,7 +96,8 @@ def measure_forgetting(
     spread = float(np.std(np.concatenate([force for _, force in runs])))
     left = _left_of_pasts(partial(run, model), _Courses(model, chosen, after_s), spread) if pasts else {}
     low, high = model.force_envelope_N
-    settles = max(_settling_s(partial(run, model), one, force, LEFT * spread, after_s) for one, force in runs)
+    limit_N = ForgettingLimits.LEFT * spread
+    settles = max(_settling_s(partial(run, model), one, force, limit_N, after_s) for one, force in runs)
     return Forgetting(PASTS if pasts else 0, after_s, left, spread, high - low, settles)
 
 
@@ -123,7 +119,7 @@ def _left(run: ModelRun, courses: Sequence[Course], ticks: int) -> float:
     length = courses[0].shape[1]
     starts = length * np.arange(len(courses))
     force, _ = run(np.concatenate(courses, axis=1), np.stack([starts, starts + length], axis=1))
-    tail = force.reshape(len(courses), length)[:, -max(1, round(TAIL * ticks)) :]
+    tail = force.reshape(len(courses), length)[:, -max(1, round(ForgettingLimits.TAIL * ticks)) :]
     return float(np.ptp(tail, axis=0).max())
 
 
@@ -139,7 +135,7 @@ def _settling_s(run: ModelRun, series: Series, force: F, limit_N: float, after_s
     ends = length * np.arange(1, RESTARTS + 1)
     anew, _ = run(np.concatenate(parts, axis=1), np.stack([ends - length, ends], axis=1))
     apart = (anew - np.concatenate([force[at : at + length] for at in starts])).reshape(RESTARTS, length)
-    window = max(1, round(WINDOW_S * series.rate_Hz))
+    window = max(1, round(ForgettingLimits.WINDOW_S * series.rate_Hz))
     squares = np.cumsum(apart**2, axis=1)[:, window - 1 :: window]
     late = np.flatnonzero((np.diff(squares, axis=1, prepend=0.0) > window * limit_N**2).any(axis=0))
     last = window * (int(late[-1]) + 1) if len(late) else 0
@@ -156,7 +152,8 @@ class _Courses:
         self.low, self.high = envelope.position_m
         self.fastest = min(map(abs, envelope.speed_m_s)) or max(map(abs, envelope.speed_m_s))
         self.currents = sorted({*envelope.current_A, 0.5 * sum(envelope.current_A)})
-        self.past, self.same = round(PAST_S * self.rate), max(1, round(after_s * self.rate / (1.0 - TAIL)))
+        self.past = round(ForgettingLimits.PAST_S * self.rate)
+        self.same = max(1, round(after_s * self.rate / (1.0 - ForgettingLimits.TAIL)))
         self.random = np.random.default_rng(0)
 
     def pasts(self) -> list[Course]:
@@ -215,7 +212,7 @@ class _Courses:
 
     def join(self, past: Course, same: Course) -> Course:
         """Return a past, the way from its end to the beginning of what follows, and that."""
-        ticks = max(2, round(JOIN_S * self.rate))
+        ticks = max(2, round(ForgettingLimits.JOIN_S * self.rate))
         shares = np.linspace(0.0, 1.0, ticks + 1)[1:]
         way = past[:, -1:] + shares * (same[:, :1] - past[:, -1:])
         way[1] = (same[0, 0] - past[0, -1]) * self.rate / ticks

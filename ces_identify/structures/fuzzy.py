@@ -1,4 +1,4 @@
-"""Neuro-fuzzy models at the desk: starts by hybrid learning, errors of a fit, sizes, report.
+"""Neuro-fuzzy models at the desk: starts by hybrid learning, errors and derivatives of a fit, sizes, report.
 
 A start follows Jang (1993): memberships on a grid; then, in turn, consequents by least squares with measured past
 forces and a descent of the premises on the same one-step error. The free-run fit that follows moves all parameters.
@@ -10,25 +10,40 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
+from math import log
 from typing import ClassVar
 
 import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, I
-from ces_identify.numerics.levenberg import Evaluate, damped_step
+from ces_identify import training
+from ces_identify.numerics.core import core_kernel
+from ces_identify.numerics.least_squares import Evaluate, damped_step
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
-from ces_identify.trained import training
-from ces_identify.trained.fuzzy_kernels import fill_fuzzy_slopes
-from ces_identify.trained.lagged_kernels import RegressorTable, normal_equations
-from ces_observer.errors import CesError
+from ces_identify.training import RegressorTable, normal_equations
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
 from ces_observer.structures.lagged_signals import Regressor
-from ces_observer.tick.fuzzy import fuzzy_force
+from ces_observer.tick.fuzzy import (
+    FUZZY_BELLS,
+    FUZZY_CHOICES,
+    FUZZY_FIRED,
+    FUZZY_FIRINGS,
+    FUZZY_LAYER,
+    FUZZY_MEMBERSHIPS,
+    FUZZY_OUTPUTS,
+    FUZZY_OWNERS,
+    FUZZY_PREMISES,
+    FUZZY_RULES,
+    FUZZY_SCALE,
+    FUZZY_SHAPES,
+    fuzzy_force,
+)  # fmt: skip
+from ces_observer.tick.lagged import LAGGED_PHI
 from ces_report.typesetting import (
     UNITS,
     ModelTable,
@@ -48,6 +63,45 @@ HYBRID_DAMPING = 1.0
 MIN_SPEEDS = 3  # memberships of speed of the models from which larger ones grow
 QUANTILES = (0.002, 0.998)  # of a premise: the ends of the grid
 START_JITTER = 0.15  # standard deviation of a start's centres, in distances between neighbours
+
+
+@core_kernel
+def fill_fuzzy_slopes(p: F, n: I, s: F, y: float, past_lags: I, past_spreads: F, row: F, gains: F) -> None:
+    """Fill `row` with the derivatives of a tick's force by the parameters, `gains` with those by the past forces.
+
+    Parameters of R regressors: for each rule its constant and linear part (R), then for each membership its centre,
+    log width and log slope.
+    """
+    scale, fired, premises, phi = p[FUZZY_SCALE], s[FUZZY_FIRED], n[FUZZY_PREMISES], n[LAGGED_PHI]
+    layer, choice, output, firing = n[FUZZY_LAYER], n[FUZZY_CHOICES], n[FUZZY_OUTPUTS], n[FUZZY_FIRINGS]
+    rules, r = n[FUZZY_RULES], len(gains) - premises
+    bells = row[rules * (1 + r) :]
+    bells[:] = 0.0
+    gains[:] = 0.0
+    at = 0
+    for rule in range(rules):
+        share = s[firing + rule] / fired
+        part = scale * share
+        row[at] = part
+        for j in range(r):
+            row[at + 1 + j] = part * s[phi + j]
+            gains[j] += part * p[layer + j]
+        pull = part * s[output + rule] - share * y  # of a rule on the force, through its memberships
+        for q in range(premises):
+            bells[3 * n[choice + q]] += pull
+        at += 1 + r
+        layer += 1 + r
+        choice += premises
+    for j in range(r):
+        gains[j] /= past_spreads[j]
+    shape, owner, membership = n[FUZZY_SHAPES], n[FUZZY_OWNERS], n[FUZZY_MEMBERSHIPS]
+    for m in range(n[FUZZY_BELLS]):
+        offset = s[phi + r + n[owner + m]] - p[shape]
+        steep = bells[3 * m] * (1.0 - s[membership + m]) * p[shape + 2]
+        bells[3 * m] = steep / offset if offset != 0.0 else 0.0
+        bells[3 * m + 1] = steep
+        bells[3 * m + 2] = -steep * log(abs(offset) / p[shape + 1]) if offset != 0.0 else 0.0
+        shape += 3
 
 
 @dataclass(frozen=True)
@@ -191,7 +245,6 @@ def learn_hybrid(errors: Evaluate, params: F, consequents: int) -> F:
 
 MAX_RULES = 60
 STROKES = 3  # memberships of the position
-NONE = "none"
 CURRENT_AND_SPEED = training.LagCounts(0, 1, 1)  # the inputs of the thesis' neuro-fuzzy models, at the present tick
 
 
@@ -227,31 +280,11 @@ class FuzzyShape(LaggedShape):
 def read_grid(text: str) -> tuple[int, int]:
     """Return the numbers of memberships of speed and current in `VxI`; raises ValueError."""
     speeds, _, currents = text.partition("x")
-    return _check_grid(text, "VxI, such as 7x2", speeds, currents)
-
-
-def read_memberships(text: str) -> tuple[int, int] | None:
-    """Return the memberships of speed B and current A in `AxB` (thesis order), None for `none`; raises ValueError."""
-    currents, _, speeds = text.partition("x")
-    return None if text == NONE else _check_grid(text, "AxB, such as 4x4", speeds, currents)
-
-
-def _check_grid(text: str, expected: str, speeds: str, currents: str) -> tuple[int, int]:
     if not (speeds.isdecimal() and currents.isdecimal() and int(speeds) >= 2 and int(currents) >= 1):
-        raise ValueError(f"'{text}' is not {expected}, with at least 2 of speed and 1 of current")
+        raise ValueError(f"'{text}' is not VxI, such as 7x2, with at least 2 of speed and 1 of current")
     if int(speeds) * int(currents) > MAX_RULES:
         raise ValueError(f"'{text}' makes {int(speeds) * int(currents)} rules; at most {MAX_RULES}")
     return int(speeds), int(currents)
-
-
-def choose_shape(rules: str, memberships: str) -> FuzzyShape:
-    """Return the shape of the options `rules` (with a past force) and `memberships` (without); raises CesError."""
-    static = read_memberships(memberships)
-    if static is None:
-        return FuzzyShape(*read_grid(rules))
-    if rules != RULES.default:
-        raise CesError(f"--rules {rules} and --memberships {memberships}: give one; only --rules has a past force")
-    return FuzzyShape(*static, current_delay_s=0.0, lags=CURRENT_AND_SPEED)
 
 
 def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
@@ -283,19 +316,10 @@ RULES = Option(
     check_text=read_grid,
     metavar="VxI",
 )
-MEMBERSHIPS = Option(
-    "memberships",
-    NONE,
-    "instead of --rules: neuro-fuzzy rules of present current and speed alone, with A memberships of current and B of "
-    "speed, as in thesis table 5.3; such a model has no memory",
-    form=f"{NONE} or memberships AxB such as 4x4, at most {MAX_RULES} rules",
-    check_text=read_memberships,
-    metavar="AxB",
-)
 ANFIS = StructureKit(
     about="neuro-fuzzy rules",
     body=Fuzzy,
-    sizes=(RULES, MEMBERSHIPS),
-    fitter=lambda sizes: choose_shape(str(sizes["rules"]), str(sizes["memberships"])),
+    sizes=(RULES,),
+    fitter=lambda sizes: FuzzyShape(*read_grid(str(sizes["rules"]))),
     table=fuzzy_table,
 )

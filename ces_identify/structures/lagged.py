@@ -1,13 +1,20 @@
 """What networks and neuro-fuzzy models share at the desk: the fit.
 
 Without given lags, short fits of small models choose among LAG_SETS, and whether the stroke belongs to the inputs.
+
+A fit has starts: Levenberg-Marquardt on the free run, stopped early. Every start climbs a ladder of sizes: at each it
+descends on the estimation ticks from random parameters, and from the best smaller model if that is not enough to beat
+it. It keeps the parameters with the lowest cost on the selection ticks, whatever their size. With `certificate`, a
+descent begins free, and penalties lead the gain of the past forces below a limit by stages; only parameters below it
+are kept.
 """
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from math import inf
@@ -16,12 +23,21 @@ from typing import ClassVar, Self
 import numpy as np
 
 from ces_data.arrays import F
-from ces_identify.numerics.levenberg import descend
-from ces_identify.polynomial.search_limits import INTERRUPTED, Listener
+from ces_identify.limits import ChoiceLimits
+from ces_identify.numerics.least_squares import descend
+from ces_identify.numerics.search import (
+    INTERRUPTED,
+    WORK_IS_DONE,
+    Limits,
+    Listener,
+    SearchResult,
+    reason_to_end,
+    run_starts,
+    spread_work,
+)
 from ces_identify.prepare.series import Series
 from ces_identify.structures.kit import Fitted, IdentifyOptions
-from ces_identify.trained.starts import train
-from ces_identify.trained.training import LAG_SETS, MAX_GAIN, Family, LagCounts, Lags, Training, build_training
+from ces_identify.training import LAG_SETS, MAX_GAIN, Family, LagCounts, Lags, Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.proof.certificate import largest_gain
@@ -30,7 +46,20 @@ from ces_observer.structures.lagged_signals import longest_lags
 REFIT_STEPS = 4  # trial steps of Levenberg-Marquardt
 LAG_WORK, LAG_SIZE = 0.03, 6  # of a fit that chooses lags: share of the work of a start, units or rules at most
 STROKE_WORK, STROKE_SIZE = 0.1, 20  # of a fit that shows whether the stroke counts
-STROKE_GAIN = 0.92  # share of the selection cost below which it does
+
+
+PENALTY_MARGIN = 0.002  # below MAX_GAIN, where the penalty begins
+PENALTIES = (10.0, 100.0, 1e3, 1e4)  # [(J / 100)^2] on a squared excess of gain, raised until there is no excess
+# A descent begins free, ended after FREE_PATIENCE steps without improvement. Limits then fall from its gain, at most
+# FIRST_LIMIT times the last one, in STAGES of a small penalty: on keio and shaking_table J is 20 % lower than straight
+FREE_PATIENCE, FIRST_LIMIT, STAGES, STAGE_PENALTY, STAGE_PATIENCE = 15, 3.0, 6, 1.0, 6
+WORK = 1.2e11  # of a start: ticks times squared parameters, of all steps
+MAX_STEPS = 300  # of a descent
+PATIENCE = 25  # steps without improvement on the selection ticks, after which the last one ends
+MIN_IMPROVEMENT = 1e-3  # relative
+NO_MORE_GAIN = "no more gain on the selection ticks"
+NO_STEP, DIVERGED = "no step lowers the error", "start diverged"
+GOES_ON = (NO_MORE_GAIN, NO_STEP, DIVERGED)  # ends of a descent, after which the start climbs on
 
 
 class LaggedShape(ABC):
@@ -84,7 +113,8 @@ class LaggedShape(ABC):
 
         lags = LAG_SETS[int(np.argmin([cost(one, False, LAG_WORK, LAG_SIZE) for one in LAG_SETS]))]
         plain, deeper = (cost(lags, stroke, STROKE_WORK, STROKE_SIZE) for stroke in (False, True))
-        return self.with_inputs(lags, "position" in data.changing_inputs() and deeper < STROKE_GAIN * plain)
+        counts = "position" in data.changing_inputs() and deeper < ChoiceLimits.STROKE_GAIN * plain
+        return self.with_inputs(lags, counts)
 
 
 def _refit(family: Family, params: F, sampling: Sampling, weights: F) -> Model | None:
@@ -93,3 +123,128 @@ def _refit(family: Family, params: F, sampling: Sampling, weights: F) -> Model |
     weighted = replace(family, training=replace(data, estimation=weights * (data.estimation + data.selection)))
     *_, (_, params) = ((0.0, params), *islice(descend(weighted.errors, params), REFIT_STEPS))
     return weighted.model(params, sampling)
+
+
+def train(
+    family: Family,
+    limits: Limits,
+    certificate: bool = True,
+    listener: Listener = lambda result: None,
+    max_gain: float = MAX_GAIN,
+) -> list[SearchResult]:
+    """Run the starts in parallel threads and return their results, best first, without starts that failed.
+
+    Ctrl-C stops every start; the best results so far are returned. The threads call `listener` at each improvement and
+    when a start stops. `SearchResult.chosen` counts units or rules, which tells the model of the family's ladder;
+    `coefficients` are its parameters.
+    """
+    limits = spread_work(limits, len(family.training.measured))
+    results = run_starts(
+        limits,
+        lambda seed, deadline, stop: _Start(
+            family, limits, seed, certificate, deadline, stop, listener, max_gain
+        ).run(),
+    )
+    return [result for result in results if np.isfinite(result.cost)]
+
+
+@dataclass
+class _Start:
+    """One seeded start; `family` is that of the present size."""
+
+    family: Family
+    limits: Limits
+    seed: int
+    certificate: bool
+    deadline: float
+    stop: threading.Event
+    listener: Listener
+    max_gain: float
+    step: int = 0
+    spent: float = 0.0  # share of the work
+    lowest: float = np.inf  # selection cost of the last real improvement,
+    improved_at: int = 0  # and its step
+    began_at: int = 0  # step of the present descent,
+    patience: int = PATIENCE  # and steps without improvement after which it ends
+
+    def __post_init__(self) -> None:
+        self.random = np.random.default_rng(self.seed)
+        self.best = SearchResult(np.empty(0, np.int64), np.empty(0), np.inf, self.seed, 0, "running")
+
+    def run(self) -> SearchResult:
+        """Descend at each size until the cost on the selection ticks stops falling; return the best parameters."""
+        ended, ladder = self._find_stop_reason(), self.family.ladder()
+        for family in ladder:
+            if ended in ("", *GOES_ON):
+                self.family = family
+                ended = self._descend(family.start(self.random))
+            smaller = next((one for one in ladder if one.size == len(self.best.chosen)), family)
+            if ended in GOES_ON and smaller.size < family.size:
+                ended = self._descend(family.grow(smaller, self.best.coefficients, self.random))
+        self.best = replace(self.best, ended=ended, share=1.0)
+        if np.isfinite(self.best.cost):
+            self.listener(self.best)
+        return self.best
+
+    def _descend(self, params: F) -> str:
+        """Descend without a limit on the gain, then under limits that fall to `max_gain`; return why it ended."""
+        if not self.certificate:
+            return self._descend_under(np.inf, 0.0, PATIENCE, params)[1] or NO_STEP
+        params, ended = self._descend_under(np.inf, 0.0, FREE_PATIENCE, params)
+        first = np.clip(self.family.gains(params)[0].max() / self.max_gain, 1.0, FIRST_LIMIT)
+        stages = [
+            (self.max_gain * first ** (1.0 - k / STAGES), STAGE_PENALTY, STAGE_PATIENCE) for k in range(1, STAGES)
+        ]
+        for limit, penalty, patience in (*stages, *((self.max_gain, one, PATIENCE) for one in PENALTIES)):
+            if ended not in ("", NO_MORE_GAIN) or (penalty > PENALTIES[0] and self._is_allowed(params)):
+                break
+            params, ended = self._descend_under(limit, penalty, patience, params)
+        return ended or NO_STEP
+
+    def _descend_under(self, limit: float, penalty: float, patience: int, params: F) -> tuple[F, str]:
+        """Descend with a penalty on gains above a limit; return the parameters, and why it ended, '' without a step."""
+        ended, self.patience = DIVERGED, patience
+        self.lowest, self.improved_at, self.began_at = np.inf, self.step, self.step
+        errors = partial(self._compute_errors_with_penalty, limit=limit, penalty=penalty)
+        for _, trial in descend(errors, params):
+            if trial is not params or self.step == self.began_at:
+                self._evaluate(trial)
+            params = trial
+            self.step += 1
+            self.spent += len(self.family.training.measured) * len(params) ** 2 / max(1.0, WORK * self.limits.work)
+            ended = self._find_stop_reason()
+            if ended:
+                break
+        return params, ended
+
+    def _evaluate(self, params: F) -> None:
+        cost = self.family.training.cost(self.family.force(params), self.family.training.selection)
+        if cost < self.lowest * (1.0 - MIN_IMPROVEMENT):
+            self.lowest, self.improved_at = cost, self.step
+        if cost < self.best.cost and self._is_allowed(params):
+            chosen, share = np.arange(self.family.size), min(1.0, self.spent)
+            self.best = SearchResult(chosen, params, cost, self.seed, self.step + 1, "running", share)
+            self.listener(self.best)
+
+    def _find_stop_reason(self) -> str:
+        reason = reason_to_end(self.limits, self.best.cost, self.deadline, self.stop)
+        if reason or self.spent >= 1.0:
+            return reason or WORK_IS_DONE
+        still = self.step - self.improved_at >= self.patience or self.step - self.began_at >= MAX_STEPS
+        return NO_MORE_GAIN if still else ""
+
+    def _compute_errors_with_penalty(
+        self, params: F, max_error: float, limit: float, penalty: float
+    ) -> tuple[float, F, F]:
+        """Return the family's errors with the penalty on gains above `limit` - PENALTY_MARGIN."""
+        error, matrix, gradient = self.family.errors(params, max_error)
+        if not penalty or not np.isfinite(error):
+            return error, matrix, gradient
+        gains, slopes = self.family.gains(params)
+        excess = np.maximum(gains - (limit - PENALTY_MARGIN), 0.0)
+        active = slopes[excess > 0.0]
+        error += penalty * float(excess @ excess)
+        return error, matrix + penalty * active.T @ active, gradient - penalty * excess @ slopes
+
+    def _is_allowed(self, params: F) -> bool:
+        return not self.certificate or bool(self.family.gains(params)[0].max() < self.max_gain)

@@ -1,4 +1,4 @@
-"""Sigmoid networks at the desk: random starts and errors of a fit, sizes, batch run and report."""
+"""Sigmoid networks at the desk: random starts, errors and derivatives of a fit, sizes, batch run and report."""
 
 from __future__ import annotations
 
@@ -9,17 +9,33 @@ from typing import ClassVar
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F
+from ces_data.arrays import F, I
+from ces_identify.numerics.core import core_kernel
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
-from ces_identify.trained.lagged_kernels import RegressorTable, normal_equations
-from ces_identify.trained.network_kernels import fill_sigmoid_slopes
-from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_regressors
+from ces_identify.training import (
+    LAG_SETS,
+    Family,
+    LagCounts,
+    Lags,
+    RegressorTable,
+    Training,
+    build_regressors,
+    normal_equations,
+)
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.network import Network, SigmoidUnit
-from ces_observer.tick.sigmoid import sigmoid_force
+from ces_observer.tick.lagged import LAGGED_PHI
+from ces_observer.tick.sigmoid import (
+    SIGMOID_LAYER,
+    SIGMOID_OUTPUTS,
+    SIGMOID_SCALE,
+    SIGMOID_UNITS,
+    SIGMOID_WEIGHTS,
+    sigmoid_force,
+)
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
 FIRST_GAIN = 0.9  # gain of the past forces in a start
@@ -28,6 +44,33 @@ FIRST_WEIGHT = 0.05
 STEEPEST_SLOPE = 0.25  # of a sigmoid
 RUNGS = (2, 4, 6, 10, 20, 40)  # numbers of units from which larger networks grow
 KINK = 5e-4  # width over which the kink of |x| is smoothed in the gain
+
+
+@core_kernel
+def fill_sigmoid_slopes(p: F, n: I, s: F, y: float, past_lags: I, past_spreads: F, row: F, gains: F) -> None:
+    """Fill `row` with the derivatives of a tick's force by the parameters, `gains` with those by the past forces.
+
+    Parameters of R regressors: constant, linear (R), then for each unit its weight, bias and slopes (R).
+    """
+    scale, layer, phi, r = p[SIGMOID_SCALE], n[SIGMOID_LAYER], n[LAGGED_PHI], len(gains)
+    row[0] = scale
+    for j in range(r):
+        row[1 + j] = scale * s[phi + j]
+        gains[j] = scale * p[layer + j]
+    at = 1 + r
+    for i in range(n[SIGMOID_UNITS]):
+        layer += 1 + r
+        sigmoid = s[n[SIGMOID_OUTPUTS] + 1 + i]
+        steep = scale * p[n[SIGMOID_WEIGHTS] + i] * sigmoid * (1.0 - sigmoid)
+        row[at] = scale * sigmoid
+        row[at + 1] = steep
+        for j in range(r):
+            row[at + 2 + j] = steep * s[phi + j]
+            if past_lags[j] > 0:
+                gains[j] += steep * p[layer + j]
+        at += 2 + r
+    for j in range(r):
+        gains[j] /= past_spreads[j]
 
 
 @dataclass(frozen=True)

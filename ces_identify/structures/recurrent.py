@@ -1,30 +1,138 @@
-"""Recurrent networks at the desk: fit and report."""
+"""Recurrent networks at the desk: AdamW on the free-run error of windows drawn at random, and report.
+
+A fit has a fixed number of steps, so that it depends on data and seed alone. In its second half the free run on the
+selection ticks is computed now and then, and the parameters with the lowest cost are kept.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F
-from ces_identify.polynomial.search_limits import Listener, SearchResult, run_starts
+from ces_data.arrays import F, I
+from ces_identify.numerics.search import Limits, Listener, SearchResult, reason_to_end, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
-from ces_identify.trained.recurrent_training import RecurrentFamily, build_family, descend, train_member
-from ces_identify.trained.training import build_training
+from ces_identify.structures.recurrent_network import (
+    FILTERS,
+    RecurrentFamily,
+    build_family,
+    new_states,
+    run_member,
+    run_member_back,
+)
+from ces_identify.training import Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.recurrent import Recurrent
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table
+
+STEPS = 5000  # of a fit in the default work
+WARM_STEPS = 50  # over which the rate rises
+RATE = 2.5e-2  # of the first step after these; falls with a cosine to 0
+DECAY = 0.03  # of weights, a step and rate
+MEAN_BETA, SQUARE_BETA, MIN_ROOT = 0.9, 0.999, 1e-8  # of AdamW (Loshchilov & Hutter 2019)
+MAX_GRADIENT = 1.0
+WINDOW_S, MIN_WINDOW, MAX_WINDOW = 0.27, 400, 800  # length of a window, and its limits [ticks]
+UNSCORED = 0.25  # of a window, at its beginning, without a weight
+STEP_TICKS, MIN_LANES = 4800, 8  # of all windows of a step, and least number of these
+REST_WEIGHT = 0.1  # of a damper at rest, for which no recording is needed
+CHECKS = 12  # free runs on the selection ticks, evenly spaced in the second half
+POLL_STEPS = 20  # between two looks at the clock
+HOPELESS = "far from the best of other structures"
+
 
 MEMBERS = 3
 MIN_DATA_S = (
     11.0  # for 1,086 parameters of a member (racing, 6 s: 0.9 % on blocks left out, 11 % later; Dyke, 14 s: best)
 )
 REFIT_STEPS, REFIT_RATE = 200, 1e-2  # of AdamW, from the model's own parameters
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of `ticks` that start at `starts` (n,), `lanes` of them in a step; `weights` are 1 in the mean."""
+
+    starts: I
+    ticks: int
+    unscored: int
+    lanes: int
+    weights: F
+
+    @classmethod
+    def of(cls, training: Training, rate_Hz: float, weights: F) -> Windows:
+        """Return the windows with enough weight; the longest segment limits their length."""
+        ticks = min(max(MIN_WINDOW, round(WINDOW_S * rate_Hz)), MAX_WINDOW, int(np.diff(training.segments).max()))
+        unscored = round(UNSCORED * ticks)
+        known = np.concatenate([[0], np.cumsum(weights > 0.0)])
+        first = np.concatenate([np.arange(a, max(a, b - ticks + 1)) for a, b in training.segments])
+        share = (known[first + ticks] - known[first + unscored]) / (ticks - unscored)
+        starts = first[share >= min(0.5, float(share.max()))]
+        lanes = max(MIN_LANES, STEP_TICKS // ticks)
+        return cls(starts, ticks, unscored, lanes, weights / weights[weights > 0.0].mean())
+
+    def draw(self, random: np.random.Generator) -> tuple[I, F]:
+        """Return ticks and weights (ticks, lanes + 1) of some windows, the weights over the number of scored ticks.
+
+        The last one stays at one tick: it stands for a damper at rest, which recordings may not hold.
+        """
+        at = random.choice(self.starts, self.lanes + 1) + np.arange(self.ticks)[:, None]
+        at[:, -1] = at[0, -1]
+        weights = self.weights[at] / (self.lanes * (self.ticks - self.unscored))
+        weights[:, -1] = REST_WEIGHT / (self.ticks - self.unscored)
+        weights[: self.unscored] = 0.0
+        return at, weights
+
+
+def descend(
+    family: RecurrentFamily, weights: F, params: F, random: np.random.Generator, steps: int, rate: float = RATE
+) -> Iterator[F]:
+    """Yield the parameters after each step of AdamW on the weighted squared error of windows."""
+    t = family.training
+    windows, measured = Windows.of(t, family.rate_Hz, weights), t.measured / t.scale_N
+    at_rest = family.at_rest(weights)
+    mean, square = np.zeros(len(params)), np.zeros(len(params))
+    motion, current = family.rows
+    for k in range(1, steps + 1):
+        at, share = windows.draw(random)
+        arrays = family.arrays(params)
+        moving, wanted = motion[:, at], measured[at]
+        moving[:3, :, -1], wanted[:, -1] = family.still[:, None], at_rest[at[:, -1]]
+        force, traces = run_member(arrays, moving, current[:, at], new_states(arrays, windows.lanes + 1))
+        back = run_member_back(arrays, traces, 2.0 * share * (force - wanted))
+        gradient = family.gradient(params, back)
+        gradient *= min(1.0, MAX_GRADIENT / max(float(np.linalg.norm(gradient)), 1e-300))
+        mean += (1.0 - MEAN_BETA) * (gradient - mean)
+        square += (1.0 - SQUARE_BETA) * (gradient**2 - square)
+        root = np.sqrt(square / (1.0 - SQUARE_BETA**k)) + MIN_ROOT
+        now = rate * min(1.0, k / WARM_STEPS) * 0.5 * (1.0 + np.cos(np.pi * k / steps))
+        params = params - now * (mean / (1.0 - MEAN_BETA**k) / root + DECAY * family.decayed * params)
+        yield params
+
+
+def train_member(
+    family: RecurrentFamily, limits: Limits, listener: Listener, seed: int, deadline: float, stop: threading.Event
+) -> SearchResult:
+    """Return the parameters with the lowest cost on the selection ticks that a seeded fit met."""
+    random, training, steps = np.random.default_rng(seed), family.training, max(2, round(STEPS * limits.work))
+    best = SearchResult(np.arange(FILTERS), np.empty(0), np.inf, seed, 0, "steps exhausted")
+    checks = set(np.linspace(steps // 2, steps, CHECKS, dtype=int).tolist())
+    for k, params in enumerate(descend(family, training.estimation, family.start(random), random, steps), 1):
+        ended = reason_to_end(limits, best.cost, deadline, stop) if k % POLL_STEPS == 0 else ""
+        if ended or k in checks:
+            cost = training.cost(family.force([params]), training.selection)
+            if cost < best.cost:
+                best = replace(best, coefficients=params, cost=cost, trials=k, share=k / steps)
+                listener(best)
+            ended = ended or (HOPELESS if best.cost > limits.hopeless else "")
+        if ended:
+            return replace(best, ended=ended)
+    return best
 
 
 def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
@@ -45,7 +153,7 @@ def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: Identif
         "parameters": len(mean.coefficients),
     }
     certified = replace(model, certificate=model.certify().to_mapping())
-    return Fitted(certified, [mean, *results[1:]], how, partial(_refit, family, members, make))
+    return Fitted(certified, [mean, *results[1:]], how, partial(_refit_members, family, members, make))
 
 
 def _best_mean(family: RecurrentFamily, results: Sequence[SearchResult]) -> tuple[SearchResult, list[F]]:
@@ -63,7 +171,7 @@ def _build_model(family: RecurrentFamily, sampling: Sampling, members: Sequence[
     return Model(sampling, family.body(members), training.envelope, training.force_envelope)
 
 
-def _refit(
+def _refit_members(
     family: RecurrentFamily, members: Sequence[F], make: Callable[[Sequence[F]], Model], weights: F
 ) -> Model | None:
     """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""

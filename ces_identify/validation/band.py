@@ -11,33 +11,24 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ces_data.arrays import F, Mask
+from ces_identify.limits import BandLimits, FoldLimits, TickLimits
 from ces_identify.prepare.series import Series
 from ces_identify.simulations.band_run import NOWHERE, band_state, parts_and_growth
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.band import PARTS, STATE, Band
 from ces_observer.model import Model
 
-LEVEL = 0.9
-CHANGE_S = 0.01  # [s] over which speed, current and force change: valve and oil of a damper take about as long
-REVERSAL_S = 0.02  # [s] after a reversal, in which friction and pressure build up
-MAX_DISTANCE = 4.0  # beyond it nothing is known about the error, and the band does not grow further
-CONSTANT_SHARE = 0.2  # of the squared error, which does not grow with the distance
-PHYSICAL_SHARE = 0.75  # the same for a structure with physics inside, whose error hardly grows
-MAX_RECORDING_PARTS = 6  # recordings left out in turn, or groups of them
-STRETCHES = 3  # of each recording, left out in turn
-MIN_TICKS = 200  # of errors, for a band
 MAX_TICKS = 200_000  # whose errors are kept, evenly spaced, in each way of leaving data out
 MAX_FITTED_TICKS = 20_000  # of these, in the least squares fit
 ROUNDS = 6  # of reweighted least squares
 MAX_STEPS = 1000  # of each
 RIDGE = 1e-4  # of the state's correlation matrix: directions that the recordings hardly have
 FIGURES = 6
-MIN_SPREAD = 1e-6  # [m, m/s, A]: a state that changes less counts as constant
-MIN_SIZE = 1e-3  # of an error's prediction, relative to the mean error
 
-PLAIN = Band(
-    LEVEL, CHANGE_S, REVERSAL_S, 1.0, (0.0, 1.0), (0.0,) * len(PARTS), (0.0,) * len(STATE), NOWHERE, MAX_DISTANCE, 1.0
-)  # whose weights and state are not known yet
+PLAIN = Band(  # whose weights and state are not known yet
+    BandLimits.LEVEL, BandLimits.CHANGE_S, BandLimits.REVERSAL_S, 1.0, (0.0, 1.0), (0.0,) * len(PARTS),
+    (0.0,) * len(STATE), NOWHERE, BandLimits.MAX_DISTANCE, 1.0,
+)  # fmt: skip
 
 Refit = Callable[[F], Model | None]
 """Fits the model's parameters again with a weight of 0 or 1 for each tick (stacked series); None if that fails."""
@@ -64,34 +55,41 @@ def fit_band(
     grows with the distance from the recordings.
     """
     scored = [s.scored for s in series]
-    if sum(int(mask.sum()) for mask in scored) < MIN_TICKS:
+    if sum(int(mask.sum()) for mask in scored) < TickLimits.MIN_ERRORS:
         return None
-    share = CONSTANT_SHARE if leave_out_recordings else PHYSICAL_SHARE
+    share = BandLimits.CONSTANT_SHARE if leave_out_recordings else BandLimits.PHYSICAL_SHARE
     band = _describe_state(series, scored, share)
     ways: list[_Errors] = []
     if refit is not None:
         errors_without = partial(_errors_without, refit, series, band)
-        for parts in _ways_to_hold_out(series, leave_out_recordings):
+        held_out = [masks_by_stretch(series)]
+        if leave_out_recordings and len(series) > 1:
+            held_out.insert(0, masks_by_recording(series, BandLimits.MAX_PARTS))
+        for parts in held_out:
             with ThreadPoolExecutor(max(1, threads)) as pool:
                 found = list(pool.map(errors_without, parts))
             ways.append(_join([errors for errors in found if errors is not None]))
-    ways = [errors for errors in ways if len(errors.size) >= MIN_TICKS]
+    ways = [errors for errors in ways if len(errors.size) >= TickLimits.MIN_ERRORS]
     ways = ways or [_errors_on(model, series, scored, band, band)]
-    return _fit_parts(band, ways) if len(ways[0].size) >= MIN_TICKS else None
+    return _fit_parts(band, ways) if len(ways[0].size) >= TickLimits.MIN_ERRORS else None
 
 
-def _ways_to_hold_out(series: Sequence[Series], leave_out_recordings: bool) -> list[list[list[Mask]]]:
-    """Return the ways to divide the ticks into parts, one mask for each series: by recordings, and by stretches."""
-    groups = min(len(series), MAX_RECORDING_PARTS)
-    by_recording = [[np.full(len(s), i % groups == group) for i, s in enumerate(series)] for group in range(groups)]
-    by_stretch = [[STRETCHES * np.arange(len(s)) // len(s) == k for s in series] for k in range(STRETCHES)]
-    return [by_recording, by_stretch] if leave_out_recordings and groups > 1 else [by_stretch]
+def masks_by_recording(series: Sequence[Series], most: int) -> list[list[Mask]]:
+    """Return at most so many parts of the ticks, each as a mask for each series: groups of whole recordings."""
+    groups = min(len(series), most)
+    return [[np.full(len(s), i % groups == group) for i, s in enumerate(series)] for group in range(groups)]
+
+
+def masks_by_stretch(series: Sequence[Series]) -> list[list[Mask]]:
+    """Return parts of the ticks, each as a mask for each series: a stretch of every recording."""
+    count = FoldLimits.STRETCHES
+    return [[count * np.arange(len(s)) // len(s) == k for s in series] for k in range(count)]
 
 
 def _errors_without(refit: Refit, series: Sequence[Series], band: Band, out: Sequence[Mask]) -> _Errors | None:
     """Return the errors on the ticks left `out` of a model fitted to the others; None if that fails."""
     kept = [s.scored & ~mask for s, mask in zip(series, out, strict=True)]
-    if sum(int(mask.sum()) for mask in kept) < MIN_TICKS:
+    if sum(int(mask.sum()) for mask in kept) < TickLimits.MIN_ERRORS:
         return None
     model = refit(np.where(np.concatenate(out), 0.0, 1.0))
     if model is None:
@@ -126,7 +124,7 @@ def _describe_state(series: Sequence[Series], ticks: Sequence[Mask], constant_sh
     mean, speed, current = state.mean(axis=1), state[STATE.index("speed")], state[STATE.index("current")]
     return replace(
         PLAIN,
-        speed_m_s=max(_round(np.sqrt(np.mean(speed**2))), MIN_SPREAD),
+        speed_m_s=max(_round(np.sqrt(np.mean(speed**2))), BandLimits.MIN_SPREAD),
         current_A=(_round(current.min()), _round(current.max())),
         mean=_round_all(mean),
         whitening=tuple(_round_all(row[i:]) for i, row in enumerate(_whitening(state - mean[:, None]))),
@@ -137,12 +135,12 @@ def _describe_state(series: Sequence[Series], ticks: Sequence[Mask], constant_sh
 def _whitening(deviations: F) -> F:
     """Return the upper triangular matrix that gives `deviations` (5, ticks) a root mean square length of 1."""
     spread = deviations.std(axis=1)
-    constant = spread <= MIN_SPREAD
-    scaled = deviations / np.where(constant, MIN_SPREAD, spread)[:, None]
+    constant = spread <= BandLimits.MIN_SPREAD
+    scaled = deviations / np.where(constant, BandLimits.MIN_SPREAD, spread)[:, None]
     correlation = scaled @ scaled.T / scaled.shape[1] + RIDGE * np.eye(len(scaled))
     correlation[np.diag_indices_from(correlation)] += constant
     upper = np.linalg.cholesky(np.linalg.inv(correlation)).T
-    return np.asarray(upper / np.where(constant, MIN_SPREAD, spread) / np.sqrt(len(scaled)))
+    return np.asarray(upper / np.where(constant, BandLimits.MIN_SPREAD, spread) / np.sqrt(len(scaled)))
 
 
 def _fit_parts(band: Band, ways: Sequence[_Errors]) -> Band:
@@ -158,7 +156,7 @@ def _fit_parts(band: Band, ways: Sequence[_Errors]) -> Band:
 def _fit_sizes(parts: F, sizes: F) -> F:
     """Return non-negative weights (parts,) whose sums predict `sizes` (n,), each error relative to its prediction."""
     scale = np.maximum(parts.mean(axis=1), 1e-12)
-    least = MIN_SIZE * float(sizes.mean()) + 1e-12
+    least = BandLimits.MIN_SIZE * float(sizes.mean()) + 1e-12
     predicted = np.full(len(sizes), float(sizes.mean()) + least)
     weights = np.zeros(len(parts))
     for _ in range(ROUNDS):

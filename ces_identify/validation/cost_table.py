@@ -15,6 +15,7 @@ import numpy as np
 
 from ces_data.arrays import F, Mask
 from ces_data.recording import Recording
+from ces_identify.limits import TickLimits
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
 from ces_identify.prepare.cost import EQUAL, Weighting, cost
 from ces_identify.prepare.series import Series, prepare
@@ -23,7 +24,6 @@ from ces_observer.model import Model
 from ces_report.table import Column, Table
 
 NONE = "-"
-MIN_TICKS = 50  # with a measured force
 RULE = (
     f"of every {PERIOD_BLOCKS * BLOCK_S:g} s of identification data, the first {ESTIMATION_BLOCKS * BLOCK_S:g} s serve "
     f"estimation and the last {(PERIOD_BLOCKS - ESTIMATION_BLOCKS) * BLOCK_S:g} s selection; a last fit may use both; "
@@ -126,7 +126,7 @@ def compare_with_teacher(
     for e in evaluations:
         force, both = _find_measured_force(e.series, prepared), e.series.scored
         both = both & np.isfinite(force)
-        truth, known = force[both], bool(both.sum() >= MIN_TICKS and np.ptp(force[both]) > 0.0)
+        truth, known = force[both], bool(both.sum() >= TickLimits.MIN_SCORED and np.ptp(force[both]) > 0.0)
         teacher, own = (cost(truth, x[both]) if known else np.nan for x in (e.series.force, e.run.force))
         costs.append(DistillationCosts(e.name, e.role, e.cost, teacher, own))
     return tuple(costs)

@@ -15,17 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.limits import CycleLimits
 from ces_identify.prepare.series import Series
 
-SETTLE_S = 1.0  # [s] skipped at each segment's start, after the warm-up
-MIN_CYCLES = 5
-MIN_PERIOD_S = 0.02
-STROKE_MISMATCH = 0.01  # rms difference of a cycle from its neighbours, over the spread
-CURRENT_MISMATCH = 0.01  # rms difference of a cycle from its neighbours, over the rms current
-PEAK = 0.9  # autocorrelation at which a lag is a candidate for the period
 MAX_PEAKS = 50  # tried as the period
 MAX_PERIODS = 10  # combined into one lag
-OFF_TICK = 0.1  # [ticks] allowed distance of a lag from a whole number
 
 
 @dataclass(frozen=True)
@@ -43,29 +37,29 @@ def cycle_noise(series: Series) -> CycleNoise | str:
 
     Single cycles that differ from their neighbours, such as where the rig fades in and out, are skipped.
     """
-    skipped = series.warm_up + round(SETTLE_S * series.rate_Hz)
+    skipped = series.warm_up + round(CycleLimits.SETTLE_S * series.rate_Hz)
     starts = np.minimum(series.segments[:, 0] + skipped, series.segments[:, 1])
     settled = np.stack([starts, series.segments[:, 1]], axis=1)
     start, stop = settled[np.argmax(settled[:, 1] - settled[:, 0])]
-    if stop - start < 2 * MIN_CYCLES:
+    if stop - start < 2 * CycleLimits.MIN_CYCLES:
         return "too short to settle"
-    period = find_period(series.position[start:stop], MIN_PERIOD_S * series.rate_Hz)
+    period = find_period(series.position[start:stop], CycleLimits.MIN_PERIOD_S * series.rate_Hz)
     if period is None:
         return "the stroke does not repeat"
     cycle, lag = (np.arange(len(series)) / period).astype(np.int64), whole_ticks(period)
     stroke = _rms_by_cycle(differences(series.position, settled, lag), cycle) / float(series.position[start:stop].std())
     current = _rms_by_cycle(differences(series.current, settled, lag), cycle) / max(_rms(series.current), 1e-12)
     known = np.isfinite(stroke) & np.isfinite(current)
-    for name, mismatch, limit in (("stroke", stroke, STROKE_MISMATCH), ("current", current, CURRENT_MISMATCH)):
-        if known.any() and np.median(mismatch[known]) > limit:
+    for name, mismatch in (("stroke", stroke), ("current", current)):
+        if known.any() and np.median(mismatch[known]) > CycleLimits.MISMATCH:
             share = 100.0 * np.median(mismatch[known])
             return f"the stroke repeats, but from cycle to cycle the {name} differs by {share:.1f} %"
-    same = known & (stroke <= STROKE_MISMATCH) & (current <= CURRENT_MISMATCH)
+    same = known & (stroke <= CycleLimits.MISMATCH) & (current <= CycleLimits.MISMATCH)
     force = differences(np.where(series.scored, series.force, np.nan), settled, lag)
     used = force[same[cycle] & np.isfinite(force)]
     cycles = int(len(used) / period)
-    if cycles < MIN_CYCLES:
-        return f"{cycles} equal cycles with a measured force; expected at least {MIN_CYCLES}"
+    if cycles < CycleLimits.MIN_CYCLES:
+        return f"{cycles} equal cycles with a measured force; expected at least {CycleLimits.MIN_CYCLES}"
     noise = _rms(used)
     return CycleNoise(period / series.rate_Hz, cycles, noise, 100.0 * noise / float(series.force[series.scored].std()))
 
@@ -81,7 +75,7 @@ def find_period(x: F, min_period: float) -> float | None:
     if not len(negative):
         return None
     inner = np.arange(max(int(negative[0]), int(min_period), 2), len(rho) - 1)
-    peaks = inner[(rho[inner] >= rho[inner - 1]) & (rho[inner] > rho[inner + 1]) & (rho[inner] > PEAK)]
+    peaks = inner[(rho[inner] >= rho[inner - 1]) & (rho[inner] > rho[inner + 1]) & (rho[inner] > CycleLimits.PEAK)]
     if not len(peaks):
         return None
     periods = (_refine_period(rho, float(place)) for place in peaks[:MAX_PEAKS])
@@ -93,7 +87,7 @@ def whole_ticks(period: float, max_periods: int = MAX_PERIODS) -> int:
     """Return the fewest periods within OFF_TICK of a whole number, in ticks; else the nearest."""
     multiples = period * np.arange(1, max_periods + 1)
     off = np.abs(multiples - np.rint(multiples))
-    near = off <= OFF_TICK
+    near = off <= CycleLimits.OFF_TICK
     return round(float(multiples[np.argmax(near) if near.any() else np.argmin(off)]))
 
 
@@ -151,7 +145,7 @@ def _is_periodic(x: F, period: float) -> bool:
     """Return whether x equals x one period before and after at most of its ticks."""
     difference = np.abs(differences(x, np.array([[0, len(x)]]), whole_ticks(period)))
     values = difference[np.isfinite(difference)]
-    return bool(len(values)) and float(np.median(values)) <= STROKE_MISMATCH * float(x.std())
+    return bool(len(values)) and float(np.median(values)) <= CycleLimits.MISMATCH * float(x.std())
 
 
 def _rms(x: F) -> float:

@@ -19,7 +19,8 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.numerics.correlation import MIN_BINS, add_errors, estimate_sum_error, sum_bins
+from ces_identify.limits import EnvelopeLimits, ErrorLimits
+from ces_identify.numerics.correlation import add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
 from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import FreeRun, Series
@@ -31,12 +32,9 @@ from ces_observer.structures.structure import Range
 
 IDENTIFICATION, VALIDATION = "identification", "validation"
 UNITS = {"position": "m", "speed": "m/s", "current": "A"}
-MIN_SHARE = 0.005  # of the ticks: a model's own recordings are outside for hardly as long
 FIGURES = 4  # of the largest number of a range; the others have as many decimals
-LEVEL = 0.95
-MAX_FACTOR = 3.0  # between J and an end of its interval; beyond it, the recordings are too short
 DIVERGED = "no interval and no RMS error (the simulated force is not finite)"
-SHORT = f"no interval (too short: it would reach beyond {MAX_FACTOR:g} times the cost)"
+SHORT = f"no interval (too short: it would reach beyond {ErrorLimits.MAX_FACTOR:g} times the cost)"
 
 
 @dataclass(frozen=True)
@@ -221,13 +219,13 @@ def interval_of_ticks(recordings: Sequence[ScoredTicks]) -> CostInterval | None:
         sum_bins(0.5 * (ticks.squares / max(squares, 1e-300) - ticks.spread / spread), ticks.rate_Hz)
         for ticks in recordings
     ]
-    if min(map(len, influences)) < MIN_BINS:
+    if min(map(len, influences)) < ErrorLimits.MIN_BINS:
         return None
     seconds = [len(ticks.force) / ticks.rate_Hz for ticks in recordings]
     error = add_errors([estimate_sum_error(x, s) for x, s in zip(influences, seconds, strict=True)])
-    factor = float(np.exp(error.half_width(LEVEL)))
+    factor = float(np.exp(error.half_width(ErrorLimits.LEVEL)))
     cost = 100.0 * float(np.sqrt(squares / spread))
-    return CostInterval(cost / factor, cost * factor) if factor <= MAX_FACTOR else None
+    return CostInterval(cost / factor, cost * factor) if factor <= ErrorLimits.MAX_FACTOR else None
 
 
 def pooled_cost(evaluations: Sequence[Evaluation]) -> float:
@@ -299,7 +297,7 @@ def find_outside(model: Model, signals: Mapping[str, F]) -> tuple[RangeUse, ...]
     for name, values in signals.items():
         low, high = model.envelope.by_signal[name]
         share = float(np.mean((values < low) | (values > high))) if len(values) else 0.0
-        if share > MIN_SHARE:
+        if share > EnvelopeLimits.MIN_SHARE:
             uses.append(RangeUse(name, (float(values.min()), float(values.max())), (low, high), share))
     return tuple(sorted(uses, key=lambda use: -use.outside_share))
 
@@ -315,12 +313,8 @@ def describe_held(name: str, force_envelope_N: Range, time_s: F, held: Mask) -> 
         return ""
     ends = "{:.0f} to {:.0f} N".format(*force_envelope_N)
     share = f"{100.0 * held.mean():.3g} % of the time, first at {time_s[held.argmax()]:.2f} s"
-    doubt = ": the model does not fit this recording" if held.mean() > MIN_SHARE else ""
+    doubt = ": the model does not fit this recording" if held.mean() > EnvelopeLimits.MIN_SHARE else ""
     return f"{name}: the force was held at its envelope ({ends}) for {share}{doubt}"
-
-
-WORKING = 0.5  # of the work done where the damper works most: a window with less is not working
-MOST = 0.9  # quantile of the work over all windows that counts as most
 
 
 def find_working_windows(length: int, scored: Mask, force: F, speed: F, squares: F) -> tuple[I, F]:
@@ -337,5 +331,5 @@ def find_working_windows(length: int, scored: Mask, force: F, speed: F, squares:
     count = sliding_sum(1.0)
     full = np.flatnonzero(count == count.max())
     work = np.sqrt(sliding_sum(speed**2) * sliding_sum((force - force[scored].mean()) ** 2))[full]
-    starts = full[work >= WORKING * np.quantile(work, MOST)]
+    starts = full[work >= EnvelopeLimits.WORKING * np.quantile(work, EnvelopeLimits.MOST)]
     return starts, sliding_sum(squares)[starts] / max(count.max(), 1.0)

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ces_data.arrays import F, I
+from ces_identify.limits import LackLimits
 from ces_identify.prepare.series import Series
 from ces_identify.simulations.band_run import band_state
 from ces_identify.simulations.simulate import simulate_series, since_reversal
@@ -26,18 +27,10 @@ from ces_observer.model import Model
 from ces_report.typesetting import three_figures
 
 UNDETERMINED = "undetermined"  # key of the texts in the provenance's selection
-MISFIT = 30.0  # [%] J on its own data from which a model does not fit
-MIN_SHARE, MIN_GAIN = 0.2, 1.5  # of the error's energy, and by which J would be lower [%]: less is left to the figures
-MAX_DEPENDENCES = 2
-MAX_OUTSIDE = 0.5  # of a recording's ticks, outside the envelope
-AS_GOOD = 0.8  # of the best share: the recordings cannot tell the two quantities apart
-MAX_TICKS, MIN_TICKS = 20_000, 2_000
-BLOCK_S, MIN_BLOCKS, FOLDS, DRAWS = 2.0, 14, 5, 99  # far longer than the memory of a damper
+FOLDS, DRAWS = 5, 99  # of blocks that are fitted on the others; of random signs
 RIDGE = 1e-2  # of the regressors' mean square
 CURVE = 6  # hat functions of the speed
-HEAT_S = 100.0  # [s] in which oil warms up
 REGIONS = 5  # of a quantity, with as many ticks each
-MIN_CHANGE = 0.05  # of the force in a region, to be named
 NETWORK = "hydraulic"
 TRY_NETWORK = f"try --structure {NETWORK} ({{}}) or auto"
 RECORD = "record more strokes of this kind, or try more --starts"
@@ -99,11 +92,11 @@ def head_lines(model: Model, evaluations: Sequence[Evaluation]) -> list[str]:
 
     Recordings outside the envelope have warnings of their own and do not count.
     """
-    some = [e for e in evaluations if np.isfinite(e.cost) and e.clamped_share < MAX_OUTSIDE]
+    some = [e for e in evaluations if np.isfinite(e.cost) and e.clamped_share < LackLimits.MAX_OUTSIDE]
     own = [e for e in some if e.role == IDENTIFICATION]
     found = dependences(some)
     lines = [describe(one, model, some) for one in found]
-    if own and (J := pooled_cost(own)) >= MISFIT:
+    if own and (J := pooled_cost(own)) >= LackLimits.MISFIT:
         why = "" if found else "; no quantity explains it: check units, signs and delays"
         lines.insert(0, f"The model does not fit its own data (J = {three_figures(J)} %){why}.")
     selections = [entry for key, entry in model.provenance.items() if key.startswith("selection")]
@@ -117,7 +110,7 @@ def describe(found: Dependence, model: Model, evaluations: Sequence[Evaluation])
     names = " or ".join(f"the {QUANTITIES[name].name}" for name in found.names)
     which = " (these recordings do not tell which)" if len(found.names) > 1 else ""
     ends = sorted(found.regions, key=lambda region: region[2])
-    places = [_describe_region(found.names[0], *ends[k]) for k in (0, -1) if abs(ends[k][2]) >= MIN_CHANGE]
+    places = [_describe_region(found.names[0], *ends[k]) for k in (0, -1) if abs(ends[k][2]) >= LackLimits.MIN_CHANGE]
     where = f"; the force is {' and '.join(dict.fromkeys(places))}" if places else ""
     advice = RECORD if f"--structure {option}" in quantity.remedy else quantity.remedy
     if _is_unused(found.names[0], model, evaluations[0].series):
@@ -149,18 +142,19 @@ def _is_unused(name: str, model: Model, series: Series) -> bool:
 
 def dependences(evaluations: Sequence[Evaluation]) -> list[Dependence]:
     """Return the quantities on which the errors of finite free runs depend, the one that explains most first."""
-    if sum(int(e.series.scored.sum()) for e in evaluations) < MIN_TICKS:
+    if sum(int(e.series.scored.sum()) for e in evaluations) < LackLimits.MIN_TICKS:
         return []
     ticks, cost, found = _collect(evaluations), pooled_cost(evaluations), list[Dependence]()
     rest = ticks.error
-    while len(found) < MAX_DEPENDENCES and rest.any():
+    while len(found) < LackLimits.MAX_DEPENDENCES and rest.any():
         predicted, shares = _explain(rest, ticks)
         order = sorted(shares, key=lambda name: -shares[name][0])
         share = float(shares[order[0]][0]) if order else 0.0
         gain = cost * (1.0 - np.sqrt(max(0.0, 1.0 - share)))
-        if share < MIN_SHARE or gain < MIN_GAIN or share <= max(float(one[1:].max()) for one in shares.values()):
+        by_chance = max((float(draws[1:].max()) for draws in shares.values()), default=0.0)
+        if share < LackLimits.MIN_SHARE or gain < LackLimits.MIN_GAIN or share <= by_chance:
             break
-        first, names = order[0], tuple(name for name in order if shares[name][0] >= AS_GOOD * share)
+        first, names = order[0], tuple(name for name in order if shares[name][0] >= LackLimits.AS_GOOD * share)
         found.append(Dependence(names, share, gain, _regions(ticks, ticks.quantities[first])))
         rest = rest - predicted[first]
     return found
@@ -168,8 +162,8 @@ def dependences(evaluations: Sequence[Evaluation]) -> list[Dependence]:
 
 def _collect(evaluations: Sequence[Evaluation]) -> _Ticks:
     """Return at most MAX_TICKS scored ticks of all recordings, evenly spaced, with their blocks."""
-    step = -(-sum(int(e.series.scored.sum()) for e in evaluations) // MAX_TICKS)
-    length_s = min(BLOCK_S, sum(e.scored_s for e in evaluations) / MIN_BLOCKS)
+    step = -(-sum(int(e.series.scored.sum()) for e in evaluations) // LackLimits.MAX_TICKS)
+    length_s = min(LackLimits.BLOCK_S, sum(e.scored_s for e in evaluations) / LackLimits.MIN_BLOCKS)
     rows, blocks, folds, first = [], [], [], 0
     for e in evaluations:
         at, series = np.flatnonzero(e.series.scored)[::step], e.series
@@ -187,7 +181,7 @@ def _quantities(e: Evaluation) -> list[F]:
     """Return QUANTITIES in their order, each (ticks,)."""
     position, speed, current, change, _ = band_state(PLAIN, e.series)
     power = np.abs(np.where(np.isfinite(e.series.force), e.series.force, e.run.force) * speed)
-    decay = np.exp(-1.0 / (HEAT_S * e.series.rate_Hz))
+    decay = np.exp(-1.0 / (LackLimits.HEAT_S * e.series.rate_Hz))
     heat = lfilter([1.0 - decay], [1.0, -decay], np.nan_to_num(power))
     direction = np.where(speed < 0.0, -1.0, 1.0)
     return [
@@ -210,7 +204,7 @@ def _regressors(ticks: _Ticks, curve: bool) -> F:
     speed, current = ticks.quantities["speed"], ticks.quantities["current"]
     bent = np.tanh(speed / max(0.2 * float(speed.std()), 1e-9))
     rows = [ticks.force, *(_hats(speed, CURVE).T if curve else (np.ones(len(speed)), speed, bent))]
-    if np.ptp(current) > MIN_CHANGE * np.abs(current).max():
+    if np.ptp(current) > LackLimits.MIN_CHANGE * np.abs(current).max():
         rows += [row * (current - current.mean()) for row in rows]
     stacked = np.stack(rows, axis=1)
     return np.asarray(stacked / np.maximum(np.sqrt((stacked**2).mean(axis=0)), 1e-12))

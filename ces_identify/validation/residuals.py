@@ -21,6 +21,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from ces_data.arrays import F, I
+from ces_identify.limits import ResidualLimits, TickLimits
 from ces_identify.numerics.correlation import (
     INSIGNIFICANT_IN_A_ROW,
     autocorrelation,
@@ -32,12 +33,8 @@ from ces_identify.numerics.correlation import (
 )
 from ces_identify.validation.evaluate import Evaluation
 
-LEVEL = 0.99
-Z = float(norm.ppf(0.5 + LEVEL / 2))
-LAG_S = 0.1  # [s] longest lag: longer than the memory of dampers and valves
-MIN_TICKS = 200
+Z = float(norm.ppf(0.5 + ResidualLimits.LEVEL / 2))
 INPUTS = ("speed", "position", "current")
-CONSTANT_SPREAD = 1e-2  # standard deviation over maximum below which an input counts as constant
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ class Correlation:
     @property
     def passed(self) -> bool:
         """Whether the correlation may be chance, at LEVEL."""
-        return self.p_value >= 1.0 - LEVEL
+        return self.p_value >= 1.0 - ResidualLimits.LEVEL
 
     @property
     def worst(self) -> int:
@@ -98,9 +95,9 @@ class ScaledSequence:
 def residual_tests(evaluation: Evaluation) -> ResidualTests | None:
     """Return the tests on the scored ticks of `evaluation`; None if it diverged or has too few."""
     series, error = evaluation.series, evaluation.error
-    if len(error) < MIN_TICKS or not np.isfinite(error).all() or error.std() == 0.0:
+    if len(error) < TickLimits.MIN_ERRORS or not np.isfinite(error).all() or error.std() == 0.0:
         return None
-    runs, max_lag = find_runs(series.scored, series.segments), max(1, round(LAG_S * series.rate_Hz))
+    runs, max_lag = find_runs(series.scored, series.segments), max(1, round(ResidualLimits.LAG_S * series.rate_Hz))
     inputs = {name: getattr(series, name)[series.scored] for name in INPUTS}
     still = tuple(name for name, u in inputs.items() if _is_still(u))
     moving = {name: u for name, u in inputs.items() if name not in still}
@@ -112,7 +109,7 @@ def residual_tests(evaluation: Evaluation) -> ResidualTests | None:
 
 
 def _is_still(x: F) -> bool:
-    return float(x.std()) <= CONSTANT_SPREAD * max(1e-12, float(np.abs(x).max()))
+    return float(x.std()) <= ResidualLimits.CONSTANT * max(1e-12, float(np.abs(x).max()))
 
 
 def scale_sequence(name: str, x: F, runs: I) -> ScaledSequence:

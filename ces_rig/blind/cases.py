@@ -32,7 +32,7 @@ from ces_observer.json_text import write_atomically
 from ces_rig.blind.draw import HELD_OUT, NOISE_N, REAL, REFERENCE, DrawnCase, IdealRecording, draw_case
 from ces_rig.blind.plan import BlindCase
 from ces_rig.errors import RigError
-from ces_rig.experiment import RigForce, load_rig
+from ces_rig.experiments.virtual import RigForce, load_rig
 from ces_rig.sensors import EPOCH_NS, Sensor, Sensors, measure_signals
 from ces_rig.withheld.plants import physical_numbers, rms
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import binom, norm
 
 from ces_data.arrays import F
-from ces_rig.blind.outcome import CLASSES, NONE, UNKNOWN, CaseOutcome
+from ces_rig.blind.scoring import CLASSES, NONE, UNKNOWN, CaseOutcome
 
 LEVEL = 0.95
 TAIL = 0.5 * (1.0 - LEVEL)

@@ -17,10 +17,10 @@ from scipy.signal import butter, sosfiltfilt
 
 from ces_data.arrays import F
 from ces_rig.dampers.model import DamperModel
-from ces_rig.drive.currents import Binary, ConstantLevel, FilteredNoise, Prbs, StrokeFollowing
-from ces_rig.drive.sequences import Current, Shape
-from ces_rig.drive.strokes import FrequencyModulated, NoiseStroke, RoadStroke, fade
 from ces_rig.errors import RigError
+from ces_rig.experiments.currents import Binary, ConstantLevel, FilteredNoise, Prbs, StrokeFollowing
+from ces_rig.experiments.sequences import Current, Shape
+from ces_rig.experiments.strokes import FrequencyModulated, NoiseStroke, RoadStroke, fade
 
 RICH, ROAD, CONSTANT = "rich", "road", "constant_current"
 EXCITATIONS = (RICH, ROAD, CONSTANT)

@@ -139,7 +139,7 @@ class DamperKind:
 
     The `kernel` has the named tuple `Numbers` of the coefficients c, `settle(c, state, stroke, speed, current)`,
     which returns the force at rest, `rest_force(c)`, STATE_SIZE, the indices COIL and TEMPERATURE of the state, STEP_S,
-    the integrator's step, and `run`. This steps mover and damper through `moves` (`drive/kernels.py`) and fills `force`
+    the integrator's step, and `run`. This steps mover and damper through `moves` (`ces_rig.drive`) and fills `force`
     (n,) and `states` (n, STATE_SIZE), which may have no rows. It takes the numbers as an array: as many scalars would
     take as long as ten steps. Numba's cache watches its file only: touch that after changing a function of another
     file that it calls.

@@ -1,26 +1,50 @@
-"""Steps a damper of any kind: moved along a stroke, by a servo actuator or in a vehicle, all at once or in chunks.
+"""The kinds of damper, and how one is stepped: along a stroke, by a servo actuator or in a vehicle, also in chunks.
 
 Recorded runs, the actuated damper and the live rig all use `DamperStepper`, so that their forces are the same. A given
 stroke comes with its speed, because between samples it is the cubic through both.
+
+Each kind is a package beside this file and an entry in `KINDS`. A new one needs parameters (a `LumpedDamper` if its
+description is flat), a kernel, its `KIND` and an entry; simulations, blind cases and the live rig then support it.
+`ces_cli.blind.DEFAULT_PLANTS` names those that blind cases use without `--plants`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F
-from ces_rig.dampers.kinds import KINDS
-from ces_rig.dampers.model import DamperKind, DamperModel
-from ces_rig.drive.kernels import CURRENT, GIVEN, MOTION_SIZE, ROWS, STROKE, STROKE_SPEED
+from ces_observer.records import read_record
+from ces_rig.dampers import bouc_wen, hydraulic, lookup
+from ces_rig.dampers.hydraulic.parameters import Hydraulic, parse_damper
+from ces_rig.dampers.model import DamperKind, DamperModel, LumpedDamper
+from ces_rig.drive import CURRENT, GIVEN, MOTION_SIZE, ROWS, STROKE, STROKE_SPEED
 from ces_rig.errors import RigError
+
+HYDRAULIC = Hydraulic.kind
+KINDS: Mapping[str, DamperKind] = {m.KIND.design.kind: m.KIND for m in (hydraulic, bouc_wen, lookup)}
+LUMPED: Mapping[str, type[LumpedDamper]] = {
+    name: type(kind.design) for name, kind in KINDS.items() if isinstance(kind.design, LumpedDamper)
+}
+
+
+def parse_model(description: Mapping[str, Any], where: str) -> DamperModel:
+    """Return the damper of a description of any kind; raises RigError for an unknown kind or a number out of range."""
+    kind = description.get("kind", HYDRAULIC)
+    values = {key: value for key, value in description.items() if key != "kind"}
+    if kind in LUMPED:
+        return read_record(LUMPED[kind], values, where, RigError)
+    if kind != HYDRAULIC:
+        raise RigError(f"{where}: kind is {kind!r}; expected one of {', '.join(KINDS)}")
+    return Hydraulic(parse_damper(values, where))
 
 
 class Mover(NamedTuple):
-    """What moves a damper: its kind in `drive/kernels.py` and the numbers of its kernel."""
+    """What moves a damper: its kind in `ces_rig.drive` and the numbers of its kernel."""
 
     kind: int
     numbers: F

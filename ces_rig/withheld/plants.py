@@ -2,8 +2,8 @@
 
     plant = draw_plant("hydraulic", rng)
     effect = scale_to_gap(plant, draw_effect(plant.kind, "friction", rng), 40.0, time_s, stroke_m, command_A)
-    true = simulate_signals(plant, [effect], time_s, stroke_m, command_A)  # then ces_rig.experiment.measure_signals
-    yaml.safe_dump(perturb(plant, 0.3, rng).description())           # a simulation: ces_rig.experiment.load_rig
+    true = simulate_signals(plant, [effect], time_s, stroke_m, command_A)  # then ces_rig.sensors.measure_signals
+    yaml.safe_dump(perturb(plant, 0.3, rng).description())  # a simulation: ces_rig.experiments.virtual.load_rig
 
 The plant itself has no effects; its description simulates it exactly.
 """
@@ -19,9 +19,8 @@ from numpy.random import Generator
 
 from ces_data.arrays import F
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Proportions, WithheldEffect
-from ces_rig.dampers.kinds import KINDS
 from ces_rig.dampers.model import DamperKind, DamperModel
-from ces_rig.dampers.stepper import simulate
+from ces_rig.dampers.stepper import KINDS, simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S, Truth
 from ces_rig.withheld import environment

@@ -64,25 +64,19 @@ identify --show-candidates one | BAG does not apply with --show-candidates
 identify one --structure sigmoid --terms 25 | --terms applies to --structure polynomial or auto, not to sigmoid
 identify one --structure sigmoid --method thesis | --method applies to --structure polynomial or auto, not to sigmoid
 identify one --structure sigmoid --candidates rules.yaml | --candidates applies to --structure polynomial or auto
-identify one --structure anfis --memberships 4x4 --rules 5x2 --out m.json | --rules 5x2 and --memberships 4x4: give one
 identify one --structure anfis --blend speed:0,1 | --blend applies to --structure polynomial or auto
 identify one --units 9 | --units applies to --structure sigmoid or auto, not to polynomial
 identify one --lags 2,2,2 | --lags applies to --structure sigmoid or auto
 identify one --rules 5x2 | --rules applies to --structure anfis or auto
-identify one --memberships 3x3 | --memberships applies to --structure anfis or auto
 identify one --kind monotube | --kind applies to --structure hydraulic or auto
 identify one --curves 3 | --curves applies to --structure hydraulic or auto
 identify one --structure sigmoid --lags 2,4 | '2,4' is not Y,C,V
 identify one --structure sigmoid --lags 2,-1,3 | not Y,C,V
 identify one --structure sigmoid --lags 21,1,1 | from 0 to 20
 identify one --structure sigmoid --lags 2,0,0 | leaves no input
-identify one --structure anfis --memberships 4 | '4' is not AxB
-identify one --structure anfis --memberships 4x1 | at least 2 of speed
-identify one --structure anfis --memberships 9x9 | makes 81 rules
 identify one --structure anfis --rules axb | not VxI
 identify one --structure anfis --rules 1x2 | at least 2
 identify one --structure anfis --rules 20x4 | makes 80 rules
-identify one --structure anfis --rules 5x2 --memberships 4x4 --out m.json | --rules 5x2 and --memberships 4x4: give one
 validate model.json | no recording given
 validate model.json b.csv | convert it: ces import b.csv --out BAG
 validate model.json two --part 1:0 | --part

@@ -7,10 +7,8 @@ from importlib.util import find_spec
 
 import pytest
 
-from ces_cli import ros_program
-from ces_cli.main import PROGRAMS
+from ces_cli.main import NODES, PROGRAMS, is_node, run_for_ros
 from ces_cli.main import main as ces
-from ces_cli.ros_program import NODES, is_node
 
 
 @pytest.mark.parametrize(
@@ -38,17 +36,17 @@ def test_every_node_is_a_program_and_has_a_module() -> None:
 
 def test_the_file_name_selects_the_program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(sys, "argv", ["/opt/lib/ces_observer/identify", "--show-candidates"])
-    assert ros_program.main() == 0
+    assert run_for_ros() == 0
     assert "products:" in capsys.readouterr().out
 
 
 def test_a_vehicle_is_told_in_one_line_what_the_desk_has_more(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(ros_program, "find_spec", lambda name: None if name in ("numba", "rich") else find_spec(name))
+    monkeypatch.setattr("ces_cli.main.find_spec", lambda name: None if name in ("numba", "rich") else find_spec(name))
     for words in (["info"], ["identify", "--ros-args"], ["rig"]):
         monkeypatch.setattr(sys, "argv", words)
-        assert ros_program.main() == 2
+        assert run_for_ros() == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith(
             f"ces {words[0]}: error: not installed: numba, rich, as on a vehicle; run 'rosdep install"

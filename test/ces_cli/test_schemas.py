@@ -24,17 +24,15 @@ from ces_identify.campaign import plan as campaign_plan
 from ces_identify.campaign.plan import CampaignError, load_campaign
 from ces_identify.polynomial.rules_file import built_in_rules, load_rules
 from ces_identify.schema_files import ABOUT, KEYWORD, path_of_schema, schema_line
-from ces_iterate.plan import TEMPLATE as ITERATE_TEMPLATE
-from ces_iterate.plan import load_plan
-from ces_iterate.rigs.kinds import open_rig
 from ces_observer.errors import CesError
-from ces_rig.experiment import load_description, load_experiment
+from ces_rig.experiments.virtual import load_description, load_experiment
+from ces_rig.loop.plan import TEMPLATE as ITERATE_TEMPLATE
+from ces_rig.loop.plan import load_plan
+from ces_rig.loop.rigs import open_rig
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = sorted(
-    path
-    for folder in ("config", "ces_rig", "ces_identify", "ces_data", "ces_iterate")
-    for path in (ROOT / folder).rglob("*.yaml")
+    path for folder in ("config", "ces_rig", "ces_identify", "ces_data") for path in (ROOT / folder).rglob("*.yaml")
 )
 
 

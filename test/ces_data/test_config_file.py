@@ -14,7 +14,7 @@ from ces_identify.campaign.plan import load_campaign
 from ces_identify.polynomial.rules_file import load_rules
 from ces_observer.errors import CesError
 from ces_rig.dampers.hydraulic.parameters import load_damper
-from ces_rig.experiment import load_description, load_experiment, load_rig
+from ces_rig.experiments.virtual import load_description, load_experiment, load_rig
 
 READERS = (
     *(load_campaign, load_rules, load_dyno_mapping, load_damper, load_experiment, load_description, load_rig),

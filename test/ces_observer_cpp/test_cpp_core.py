@@ -18,7 +18,7 @@ from mixture_models import mixture_model
 from replay_sequence import MS, START_NS, ReplaySequence, record_faults
 from trained_models import network_model
 
-from ces_identify.export.flat_file import HEAD, SIZES
+from ces_identify.export.export_model import HEAD, SIZES
 from ces_observer.model import load_model
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("cc", "c++")]

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from ces_report.charts import draw_chart
+from ces_report.plot import draw_chart
 from ces_report.typesetting import Chart, ChartCurve
 
 SVG = "{http://www.w3.org/2000/svg}"

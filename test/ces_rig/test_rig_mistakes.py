@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ces_rig.dampers.hydraulic.parameters import parse_damper
-from ces_rig.drive.currents import make_current
-from ces_rig.drive.strokes import make_stroke
 from ces_rig.errors import RigError
-from ces_rig.experiment import DamperDescription, parse_experiment, run
+from ces_rig.experiments.currents import make_current
+from ces_rig.experiments.strokes import make_stroke
+from ces_rig.experiments.virtual import DamperDescription, parse_experiment, run
 from ces_rig.live.rig import with_effects
 
 STROKE = {"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 4.0}

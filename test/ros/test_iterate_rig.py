@@ -19,12 +19,12 @@ from party import Party
 from std_msgs.msg import Float64
 from vehicle import RECOVERIES, wait
 
-from ces_iterate.commands import INTERVAL_S, RigCommands
-from ces_iterate.errors import IterateError
-from ces_iterate.rigs.kinds import RosRigSettings
-from ces_iterate.rigs.topic_rig import TopicRig
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Signals
+from ces_rig.errors import RigError
+from ces_rig.experiments.commands import INTERVAL_S, RigCommands
+from ces_rig.loop.rigs import RosRigSettings
+from ces_rig.loop.topic_rig import TopicRig
 
 SAFE_A = 0.35
 DEVIATION_M, SILENCE_S = 0.03, 5.0  # a busy computer holds the rig up
@@ -105,7 +105,7 @@ def test_a_rig_that_does_not_follow_is_broken_off_and_left_safe(namespace: str, 
     with SetPointListener(namespace) as listener:
         listener.node.create_subscription(Float64, "elsewhere", lambda message: None, 10)
         rig = make_rig(namespace, stroke_topic=f"{namespace}/elsewhere", deviation_m=0.004)
-        with pytest.raises(IterateError, match="mm from its set points"):
+        with pytest.raises(RigError, match="mm from its set points"):
             rig.run(make_commands(), tmp_path)
         wait(lambda: len(listener.currents) > 5 and listener.currents[-1] == SAFE_A, "the safe current is set")
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from needs import skip_without
 
-from ces_identify.export.c_extension import C_FLAGS, write_extension
+from ces_identify.export.c_printer import C_FLAGS, write_extension
 
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")
 

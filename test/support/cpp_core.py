@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_identify.export.cpp_sources import write_sources
-from ces_identify.export.flat_file import write_flat
+from ces_identify.export.export_model import write_flat
 from ces_observer.model import Model
 from ces_observer.proof.certificate import Contraction
 

@@ -49,7 +49,7 @@ SMALL = "--structure polynomial --terms 3 --candidates rules.yaml"  # instead of
 QUICK_EFFECTS = (("friction", "coulomb_stribeck"), ("valve_lag", "first_order"))
 PARSED_ONLY = {  # these commands are not run, nor those that read what they would write
     "serve": "has no end",
-    "iterate": "10 s for one iteration; test/ces_iterate runs it",
+    "iterate": "10 s for one iteration; test/ces_rig/loop runs it",
     "blind": "tens of diagnoses; test/ces_cli/blind runs it",
     "--each": "a diagnosis for each vehicle; test/ces_gap/test_fleet.py runs it",
     "--identify": "a search of every structure; test/ces_gap/baseline runs it",

@@ -6,7 +6,7 @@ from functools import cache
 
 from samplings import make_sampling
 
-from ces_identify.export.export_fmu import binary_path, export_fmu
+from ces_identify.export.export_model import binary_path, export_fmu
 from ces_observer.model import Envelope, Model
 from ces_observer.proof.certificate import Contraction
 from ces_observer.structures.polynomial import Polynomial

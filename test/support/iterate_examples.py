@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from ces_data.recording import Recording
-from ces_iterate.commands import INTERVAL_S, RigCommands
-from ces_iterate.design.designer import DesignTask, make_power_model
-from ces_iterate.design.information import Information, Pool, draw_features, draw_pool
-from ces_iterate.plan import HeatLimits, Plan, RigLimits, parse_plan
-from ces_iterate.rigs.kinds import VirtualRig
-from ces_rig.dampers.kinds import KINDS
+from ces_rig.dampers.stepper import KINDS
+from ces_rig.experiments.commands import INTERVAL_S, HeatLimits, RigCommands, RigLimits
+from ces_rig.experiments.designer import DesignTask, make_power_model
+from ces_rig.experiments.information import Information, Pool, draw_features, draw_pool
+from ces_rig.loop.plan import Plan, parse_plan
+from ces_rig.loop.rigs import VirtualRig
 
 LIMITS: Mapping[str, Any] = {
     "stroke_m": 0.02, "speed_m_s": 0.7, "acceleration_m_s2": 60.0, "low_A": 0.2, "high_A": 1.6, "frequency_Hz": 12.0,

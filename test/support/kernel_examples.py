@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ces_identify.polynomial.compiled_terms import compile_terms
+from ces_identify.polynomial.problem import compile_terms
 from ces_observer.model import Envelope
 from ces_observer.structures.terms import Factor, Term
 

@@ -12,7 +12,7 @@ from ces_data.recording import Channel
 from ces_identify.physical.layout import read_scales
 from ces_identify.physical.models import HydraulicModels
 from ces_identify.prepare.series import Series, prepare
-from ces_identify.trained.training import build_training
+from ces_identify.training import build_training
 from ces_observer.model import Model
 
 KINDS = {"uniflow": 3, "twin tube": 2}  # seeds of the true parameters

@@ -7,7 +7,7 @@ import pytest
 from ces_data.recording import Recording
 from ces_gap.baseline.identified import IdentifiedBaseline, identify_baseline
 from ces_identify.structures.auto import default_sizes
-from ces_rig.experiment import parse_experiment, run
+from ces_rig.experiments.virtual import parse_experiment, run
 
 SLOW = "slow"  # a pilot stage that needs twice as long
 

@@ -11,9 +11,9 @@ from diagnoses import named
 
 from ces_gap.report.gap_json import write_gap
 from ces_identify.jobs import DONE, FAILED, JobResult, append_row, open_results, open_rows
-from ces_iterate.loop.store import Iteration
 from ces_observer.model import Model
 from ces_report.shell import page_template
+from ces_rig.loop.store import Iteration
 
 BAGS = Path(__file__).resolve().parent.parent.parent / "bags"
 ROW = {"status": DONE, "bags": "noise", "structure": "polynomial", "seed": 1}

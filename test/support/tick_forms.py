@@ -20,8 +20,7 @@ import tick_loop
 from numpy.typing import NDArray
 
 from ces_identify.export.c_printer import Core
-from ces_identify.export.export_c import export_c
-from ces_identify.export.export_fmu import list_variables, sources
+from ces_identify.export.export_model import export_c, list_variables, sources
 from ces_identify.numerics.core import compiled
 from ces_observer import tick
 from ces_observer.estimator import lay_out_estimator

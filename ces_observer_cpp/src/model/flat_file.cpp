@@ -1,6 +1,6 @@
 // The layout, little endian: "CES-FLAT", version, length of the text; lines key=value, filled up to 8 bytes with zeros;
 // for sampling and structure: sizes of p, n, s and k, then p and n; CRC-32 of all before. `ces_identify/export/
-// flat_file.py` writes it.
+// export_model.py` writes it.
 #include "model/flat_file.hpp"
 
 #include <array>

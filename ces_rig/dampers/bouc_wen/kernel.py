@@ -16,8 +16,8 @@ from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from ces_data.arrays import F
+from ces_rig import drive as dk
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
-from ces_rig.drive import kernels as dk
 
 Numbers: Any = namedtuple("Numbers", [f.name for f in fields(BoucWen)])  # type: ignore[misc]
 SIZE = len(Numbers._fields)

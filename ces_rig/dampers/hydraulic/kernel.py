@@ -16,7 +16,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from scipy.optimize import brentq
 
 from ces_data.arrays import F
-from ces_rig.drive import kernels as dk
+from ces_rig import drive as dk
 
 ATMOSPHERE_PA = 101_325.0
 TRANSITION_PA = 4e3  # [Pa] drop below which the flow through an orifice is laminar

@@ -15,9 +15,9 @@ from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from ces_data.arrays import F
+from ces_rig import drive as dk
 from ces_rig.dampers.bouc_wen.kernel import gas, rest_force, slack, stop
 from ces_rig.dampers.lookup.parameters import LEVELS, SPEEDS, TABLE, Lookup
-from ces_rig.drive import kernels as dk
 
 NAMES = [f.name for f in fields(Lookup)][:-1]  # those of `LumpedDamper` first, without the table
 Scalars: Any = namedtuple("Scalars", NAMES)  # type: ignore[misc]

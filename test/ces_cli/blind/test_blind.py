@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from programs import ces, error_line, only_effects, run_here, text_of
 
-from ces_cli.blind.diagnosing import AUGMENTED, MODEL
+from ces_cli.blind import AUGMENTED, MODEL
 from ces_rig.blind.cases import open_arrays, open_seal
 from ces_rig.blind.scoring import DECISION, GAP, REPLAY, ROW
 
@@ -28,8 +28,8 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("cases") / "dev"
     words = ("--out", folder, "--seed", 5, "--cases", CASES, "--seconds", SECONDS, "--jobs", 1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ces_cli.blind.diagnosing.run_in_processes", run_here)
-        patch.setattr("ces_cli.blind.diagnosing.physical_structures", lambda: ("hydraulic",))
+        patch.setattr("ces_cli.blind.run_in_processes", run_here)
+        patch.setattr("ces_cli.blind.physical_structures", lambda: ("hydraulic",))
         patch.setattr(*only_effects(*QUICK))
         assert ces("blind", "make", *words, "--gap-to-noise", 3, "--plants", "bouc_wen", "--effects", *QUICK) == 0
         yield folder
@@ -138,9 +138,8 @@ def test_a_recording_teaches_a_plant_and_a_case_may_name_a_function(
     about, labels = open_seal(tmp_path / "own")
     assert about["plants"] == ["bouc_wen", "map"] and labels[0]["plant"] in about["plants"]
     described = tmp_path / "own" / "cases" / "0001" / "case.json"
-    own = (
-        f"from ces_rig.experiment import load_rig\n\nforce = load_rig({str(described.with_name('baseline.yaml'))!r})\n"
-    )
+    path = str(described.with_name("baseline.yaml"))
+    own = f"from ces_rig.experiments.virtual import load_rig\n\nforce = load_rig({path!r})\n"
     (tmp_path / "my_damper.py").write_text(own)
     monkeypatch.syspath_prepend(tmp_path)
     described.write_text(json.dumps({**json.loads(described.read_text()), "simulation": "my_damper:force"}))

@@ -12,7 +12,7 @@ import pytest
 from programs import ces, run_here
 from samplings import make_sampling
 
-from ces_cli.terminal.recordings import find_bags, find_fleet_units
+from ces_cli.terminal.inputs import find_bags, find_fleet_units
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.checks.content import recording_marks
@@ -73,9 +73,9 @@ def here(work, monkeypatch):
 @pytest.fixture
 def quick(here, monkeypatch):
     """The stand-in diagnosis; a fleet is diagnosed in this process."""
-    import ces_cli.diagnose.fleet  # noqa: F401
+    import ces_cli.diagnose.program  # noqa: F401
 
-    for place in ("ces_cli.diagnose.diagnosis", "ces_cli.diagnose.fleet"):
+    for place in ("ces_cli.diagnose.diagnosis", "ces_cli.diagnose.program"):
         monkeypatch.setattr(f"{place}.diagnose", cheap_diagnosis.diagnose)
         monkeypatch.setattr(f"{place}.result_files", cheap_diagnosis.files)
     monkeypatch.setattr("ces_identify.jobs.run_in_processes", run_here)

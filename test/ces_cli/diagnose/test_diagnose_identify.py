@@ -7,7 +7,7 @@ from programs import ONE_KIND, ces, only_effects, run_here
 from rig_rides import SLOW, identified, rig_ride
 from schema_rules import faults
 
-from ces_cli.terminal.simulations import open_simulation
+from ces_cli.terminal.inputs import open_simulation
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_gap.augmented import load_augmented

@@ -21,7 +21,7 @@ from ces_data.checks.content import recording_marks
 from ces_data.recording import Channel, Recording
 from ces_data.signals_file import load_signals
 from ces_identify import api
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.numerics.search import Limits
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from ces_cli.main import main
-from ces_rig.dampers.kinds import KINDS
+from ces_rig.dampers.stepper import KINDS
 
 PLAN = {
     "limits": {"stroke_m": 0.02, "speed_m_s": 0.7, "acceleration_m_s2": 60, "low_A": 0.2, "high_A": 1.6},

@@ -7,7 +7,7 @@ from ces_cli.rig import main
 from ces_cli.terminal.terminal import run as run_program
 from ces_data.bags.reader import read_recording
 from ces_data.signals_file import load_signals
-from ces_rig.experiment import load_experiment, run
+from ces_rig.experiments.virtual import load_experiment, run
 
 SHORT = """\
 duration_s: 1.0

@@ -20,9 +20,9 @@ from ces_cli.terminal.terminal import run
 READ_ONLY_INSTALLATION = """
 import os
 from pathlib import Path
-from ces_cli.terminal import compiled_code
-compiled_code.PACKAGE = Path("/proc/nowhere")
-compiled_code.require_folder_for_compiled_code()
+from ces_cli import main
+main.PACKAGE = Path("/proc/nowhere")
+main.require_folder_for_compiled_code()
 print(os.environ["NUMBA_CACHE_DIR"], Path(os.environ["NUMBA_CACHE_DIR"]).is_dir())
 """
 

@@ -9,7 +9,7 @@ import tiny_bags as tiny
 from programs import error_line
 
 from ces_cli.main import main
-from ces_cli.terminal.recordings import find_bag, find_bags, with_distinct_names
+from ces_cli.terminal.inputs import find_bag, find_bags, with_distinct_names
 from ces_data.recording import Recording
 from ces_observer.errors import CesError
 

@@ -14,7 +14,7 @@ from ces_gap.experiment.candidates import (
     list_candidate_experiments,
     reach_of,
 )
-from ces_rig.experiment import parse_experiment
+from ces_rig.experiments.virtual import parse_experiment
 from ces_rig.sensors import GRID_S
 
 REACHES = {

@@ -26,7 +26,7 @@ from ces_gap.trace import Trace, TraceInputs
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_all_atomically
-from ces_rig.experiment import load_experiment
+from ces_rig.experiments.virtual import load_experiment
 
 NOISE_N = 8.0
 STILL, STEPS = drive("constant"), drive("steps")

@@ -91,7 +91,7 @@ def test_a_simulation_that_waits_each_time_is_slow(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(prepare_module, "time", SimpleNamespace(process_time=lambda: 0.0))
     nothing: Any = object()
     monkeypatch.setattr(prepare_module, "find_twin", lambda *_: nothing)
-    monkeypatch.setattr(prepare_module, "search_clock", SimpleNamespace(now=read))
+    monkeypatch.setattr(prepare_module, "clock_s", read)
     inputs = prepare_recordings(FunctionSimulation("waiting", wait), [recorded(seconds=6.5)], [], [])
     assert (inputs.slow is not None) == each_time
     assert inputs.cheap is (nothing if each_time else inputs.exact)

@@ -27,7 +27,7 @@ from ces_gap.report.result_files import result_files
 from ces_gap.trace import open_trace
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, RecordedSimulation, Simulation
 from ces_observer.errors import CesError
-from ces_rig.experiment import load_rig
+from ces_rig.experiments.virtual import load_rig
 
 RATE_HZ, LAG_S, FINER = 500.0, 0.012, 16
 Damper = Callable[[F, F, F], F]

@@ -60,7 +60,7 @@ def comparison(tmp_path):
     """The jobs of a campaign of the thesis' procedures, by the settings that vary, and its recording."""
     structures = (
         "{polynomial: {method: [gauss-newton, thesis], terms: 6, candidates: rules.yaml}, "
-        "sigmoid: {units: 2, lags: ['1,2,3']}, anfis: {memberships: 2x2}}"
+        "sigmoid: {units: 2, lags: ['1,2,3']}, anfis: {rules: 2x2}}"
     )
     (tmp_path / "rules.yaml").write_text(RULES)
     (tmp_path / "c.yaml").write_text(f"bags: {{a: one}}\nstructures: {structures}\nlimits: {{time: 10}}\n")
@@ -70,7 +70,7 @@ def comparison(tmp_path):
     return by_settings, list(recordings.values())
 
 
-def test_lags_memberships_and_the_procedure_of_the_thesis_reach_the_cells(comparison):
+def test_lags_rules_and_the_procedure_of_the_thesis_reach_the_cells(comparison):
     by_settings, recordings = comparison
     done = {name: compute_cell(job, recordings) for name, job in by_settings.items()}
     assert {name: one.row["status"] for name, one in done.items()} == dict.fromkeys(by_settings, DONE)
@@ -78,7 +78,7 @@ def test_lags_memberships_and_the_procedure_of_the_thesis_reach_the_cells(compar
     assert [(r.signal, r.lag) for r in models["sigmoid"].body.regressors] == [
         *(("force", 1), ("speed", 0), ("speed", 1), ("speed", 2), ("current", 0), ("current", 1))
     ]
-    assert (len(models["anfis"].body.rules), done["anfis"].row["gain"]) == (4, 0.0)
+    assert len(models["anfis"].body.rules) == 4
     methods = {name: models[name].provenance["selection"]["method"] for name in ("gauss-newton", "thesis")}
     assert methods == {name: f"{name}, judged by free run" for name in ("gauss-newton", "thesis")}
 

@@ -8,8 +8,8 @@ import pytest
 from campaign_parts import CAMPAIGN, RULES, made
 
 from ces_identify.campaign.plan import MAX_CELLS, CampaignError, jobs, load_campaign
+from ces_identify.numerics.search import METHODS, THESIS
 from ces_identify.polynomial.rules_file import load_rules
-from ces_identify.polynomial.search_limits import METHODS, THESIS
 from ces_observer.errors import CesError
 
 SMALL = "bags: {a: one}\nvalidate: {b: two}\nstructures: {polynomial: {candidates: rules.yaml}}\n"
@@ -121,7 +121,7 @@ def test_what_is_left_out_is_as_in_identify(load):
     campaign = load("bags: {a: one}\nstructures: {polynomial: , anfis: {}}\n")
     assert campaign.structures == {
         "polynomial": {"terms": (15,), "method": (METHODS[0],), "candidates": ("built-in",)},
-        "anfis": {"rules": ("7x2",), "memberships": ("none",)},
+        "anfis": {"rules": ("7x2",)},
     }
     assert campaign.split == 0.75
     assert load("bags: {a: one}\nvalidate: {b: two}\nstructures: {sigmoid: }\n").split == 1.0

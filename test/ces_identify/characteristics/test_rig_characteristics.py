@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from ces_identify.characteristics.characterise import characterise
-from ces_rig.experiment import load_experiment, measure, packaged_experiments, parse_experiment, run, simulate_truth
+from ces_rig.experiments.virtual import (
+    load_experiment,
+    measure,
+    packaged_experiments,
+    parse_experiment,
+    run,
+    simulate_truth,
+)
 
 pytestmark = pytest.mark.slow
 

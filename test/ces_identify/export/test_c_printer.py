@@ -85,7 +85,7 @@ def test_the_printer_needs_the_standard_library_only(tmp_path: Path) -> None:
     """It runs in setup.py and under CMake, before anything is installed."""
     root = Path(tick.__path__[0]).parent.parent
     words = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path.insert(0, {str(root)!r}); "
-             f"from ces_identify.export.c_extension import write_extension; from pathlib import Path; "
+             f"from ces_identify.export.c_printer import write_extension; from pathlib import Path; "
              f"write_extension(Path({str(tmp_path)!r}))"]  # fmt: skip
     subprocess.run(words, check=True)
     assert (tmp_path / "ces_core.c").read_text() == read_core().source

@@ -12,7 +12,7 @@ import pytest
 from exported_models import MODELS, PLAIN, make
 from tick_forms import STRICT, UNPROVED
 
-from ces_identify.export.export_c import CODES, LONGEST_NAME, NAME_ENDING, _table, export_c, identifier
+from ces_identify.export.export_model import CODES, LONGEST_NAME, NAME_ENDING, _table, export_c, identifier
 from ces_observer.errors import ModelError
 from ces_observer.model import Model, parse_model
 from ces_observer.reasons import REASONS

@@ -11,7 +11,7 @@ from hydraulic_models import hydraulic_model, make_hydraulic
 from physical_examples import make_valve
 from tick_forms import STRICT
 
-from ces_identify.export.export_fmu import export_fmu, find_compiler, list_variables, sources
+from ces_identify.export.export_model import export_fmu, find_compiler, list_variables, sources
 from ces_identify.simulations.fmu import open_fmu
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator

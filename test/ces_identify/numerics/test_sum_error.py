@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from residual_series import coloured
 
-from ces_identify.numerics.correlation import MIN_SHARE, SLOWEST_S, SumError, add_errors, estimate_sum_error
+from ces_identify.limits import ErrorLimits
+from ces_identify.numerics.correlation import SumError, add_errors, estimate_sum_error
 
 
 def process(seed, share, n=2_000):
@@ -14,7 +15,7 @@ def process(seed, share, n=2_000):
 
 @pytest.mark.parametrize("seconds", [10.0, 30.0, 100.0])
 def test_the_error_is_right_for_the_slowest_process_allowed(seconds):
-    share = max(SLOWEST_S / seconds, MIN_SHARE)
+    share = max(ErrorLimits.SLOWEST_S / seconds, ErrorLimits.MIN_SHARE)
     runs = [process(seed, share) for seed in range(300)]
     estimated = np.mean([estimate_sum_error(x, seconds).variance for x in runs])
     assert 0.8 < estimated / np.var([x.sum() for x in runs]) < 2.5  # the alarm makes it larger

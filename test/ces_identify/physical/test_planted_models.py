@@ -10,8 +10,8 @@ from identification_examples import RULES
 from planted import SAMPLING
 from planted_dampers import KINDS, NOISE_N, planted_model, planted_series, started, truth
 
+from ces_identify.numerics.search import Limits
 from ces_identify.physical.quantities import ERRORS, read_quantities
-from ces_identify.polynomial.search_limits import Limits
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import advise, default_sizes, select_fitter

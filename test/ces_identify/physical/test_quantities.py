@@ -8,6 +8,7 @@ import pytest
 from planted import RATE_HZ
 from planted_dampers import KINDS, planted_model, planted_models, truth
 
+from ces_identify.numerics.search import TIME_IS_UP, Limits
 from ces_identify.physical.physical_search import LAST_STEPS, STRENGTHS, PhysicalSearch
 from ces_identify.physical.quantities import (
     describe_errors,
@@ -17,7 +18,6 @@ from ces_identify.physical.quantities import (
     recorded_speeds,
     steady_force_map,
 )
-from ces_identify.polynomial.search_limits import TIME_IS_UP, Limits
 
 DRAWS, LONG_S = 2, 30.0
 STRENGTH = STRENGTHS[-1]

@@ -3,8 +3,7 @@
 import numpy as np
 from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP
 
-from ces_identify.polynomial.compiled_terms import compile_terms, signal_values
-from ces_identify.polynomial.problem import probe
+from ces_identify.polynomial.problem import compile_terms, probe, signal_values
 from ces_observer.structures.terms import Factor, Term
 
 ALL = (STOP, PLAY, LAG, FREQUENCY, LOW, MID, HIGH, SHORT, LONG)

@@ -9,7 +9,7 @@ from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, P
 
 from ces_identify.numerics import kernels
 from ces_identify.numerics.core import compiled, run_batch
-from ces_identify.polynomial.compiled_terms import compile_terms
+from ces_identify.polynomial.problem import compile_terms
 from ces_observer.structures.terms import Factor, Term
 from ces_observer.tick.model import HELD
 from ces_observer.tick.polynomial import check_polynomial, polynomial_reset, polynomial_tick

@@ -5,15 +5,15 @@ import pytest
 from kernel_examples import SEGMENTS, TERMS, make_inputs, tables  # noqa: F401 - make_inputs is a fixture
 
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.gauss_newton import fit_free_run
-from ces_identify.polynomial.problem import assemble_problem
-from ces_identify.polynomial.rules_file import parse_rules
-from ces_identify.polynomial.sensitivity_kernels import (
+from ces_identify.polynomial.free_run_fit import (
     candidate_products,
+    fit_free_run,
     normal_equations,
     output_gains,
     sensitivities,
 )
+from ces_identify.polynomial.problem import assemble_problem
+from ces_identify.polynomial.rules_file import parse_rules
 from ces_identify.prepare.series import prepare
 
 

@@ -11,7 +11,7 @@ from constructed_models import FREQUENCY, PLAY, STOP, constructed_damper, used
 from constructed_models import LOW as LOW_CURRENT
 from report_examples import TERMS, WIDE, damper, model
 
-from ces_identify.polynomial.term_table import (
+from ces_identify.structures.polynomial import (
     coefficient_unit,
     contributions,
     describe_input,

@@ -9,10 +9,9 @@ import pytest
 from identification_examples import RULES, SAMPLING, planted
 
 from ces_identify import identify, read_recording, validate
-from ces_identify.numerics import search_clock
+from ces_identify.numerics.search import THESIS, TIME_IS_UP, WORK_IS_DONE, Limits, clock_s
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.polynomial.rules_file import load_rules
-from ces_identify.polynomial.search_limits import THESIS, TIME_IS_UP, WORK_IS_DONE, Limits
 from ces_identify.polynomial.selection import ThesisStart
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
@@ -33,7 +32,7 @@ def problem():
 
 
 def start(problem, heard=None, **limits):
-    deadline = search_clock.now() + 60.0
+    deadline = clock_s() + 60.0
     listener = (lambda result: None) if heard is None else heard.append
     return ThesisStart(problem, replace(ONCE, **limits), 3, deadline, threading.Event(), listener)
 
@@ -81,7 +80,7 @@ def test_it_stops_at_the_target_at_its_limit_of_terms_and_when_time_is_up(proble
     assert (early.ended, early.cost <= 1.5 * whole.cost) == ("target cost reached", True)
     assert len(start(problem, terms=2).run().chosen) <= 2 < len(whole.chosen)
     late = start(problem)
-    late.deadline = search_clock.now() - 1.0
+    late.deadline = clock_s() - 1.0
     stopped = late.run()
     assert (stopped.ended, stopped.chosen.tolist()) == (TIME_IS_UP, problem.initial.tolist())
     least = start(problem, work=0.0).run()

@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from ces_data.recording import Channel, Recording
-from ces_identify.numerics.speed_kernels import track
 from ces_identify.prepare.sampling import choose_sampling, require_delay
+from ces_identify.prepare.series import track
 from ces_observer.errors import RecordingError
 from ces_observer.model import FREQUENCIES_HZ
 from ces_observer.tick.tracker import OK

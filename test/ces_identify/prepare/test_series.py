@@ -143,7 +143,7 @@ def test_a_part_warms_up_anew():
 
 
 def test_a_long_series_is_thinned_to_stretches_that_warm_up_anew(monkeypatch):
-    monkeypatch.setattr("ces_identify.prepare.series.STRETCH_S", 0.7)
+    monkeypatch.setattr("ces_identify.limits.TickLimits.STRETCH_S", 0.7)
     whole = prepare(recording(gap_at=1500), SAMPLING)
     assert whole.thin(1) is whole
     thin = whole.thin(2)

@@ -12,18 +12,18 @@ from pages import assert_self_contained
 from report_examples import TERMS, WIDE, damper, model
 
 from ces_identify.polynomial.problem import compute_envelope
-from ces_identify.polynomial.term_table import format_term
 from ces_identify.prepare.cost import parse_weighting, weighted_cost
 from ces_identify.report.figures import choose_window, make_grid
 from ces_identify.report.page import write_report
+from ces_identify.structures.polynomial import format_term
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate, pooled_cost
 from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
-from ces_report.charts import MAX_NAME, IntervalRow, draw_intervals
 from ces_report.drawing import PlotAxis, band, line, panel
+from ces_report.plot import MAX_NAME, IntervalRow, draw_intervals
 
 XHTML, SVG = "{http://www.w3.org/1999/xhtml}", "{http://www.w3.org/2000/svg}"
 FACTS = {"Date": "2025-03-14", "Command": "ces identify bags/sine --out model.json"}

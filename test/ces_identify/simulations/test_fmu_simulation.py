@@ -10,7 +10,7 @@ import pytest
 from fmus import algebraic_fmu, changed, damper, damper_fmu, packed
 
 from ces_data.recording import Channel, Recording
-from ces_identify.export.export_fmu import binary_path
+from ces_identify.export.export_model import binary_path
 from ces_identify.simulations.fmu import Port, choose_ports, open_fmu, read_names
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from planted import NETWORK, planted
 
-from ces_identify.polynomial.search_limits import INTERRUPTED, Limits
+from ces_identify.limits import ChoiceLimits
+from ces_identify.numerics.search import INTERRUPTED, Limits
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare
 from ces_identify.structures import KITS, auto, run_batch
@@ -109,7 +110,10 @@ def test_a_chosen_structure_is_compared_with_a_short_fit_of_those_with_physics(f
     limits = fitted(polynomial=5.0, **{PHYSICAL: 4.0})
     found = select_fitter("polynomial", {})([], None, IdentifyOptions(limits=Limits(time=1000.0)), None)
     assert found.how["structures"] == {"polynomial": 5.0, PHYSICAL: 4.0}
-    assert (limits["polynomial"].time, limits[PHYSICAL].work) == (pytest.approx(650.0, abs=1.0), auto.SHORT_WORK)
+    assert (limits["polynomial"].time, limits[PHYSICAL].work) == (
+        pytest.approx(650.0, abs=1.0),
+        ChoiceLimits.SHORT_WORK,
+    )
 
 
 def test_a_physical_structure_is_not_compared_and_auto_compares_its_candidates():

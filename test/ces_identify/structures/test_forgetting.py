@@ -7,7 +7,8 @@ import pytest
 from planted_dampers import planted_model, ride
 
 from ces_identify.identification import require_shown_cost, with_forgetting
-from ces_identify.structures.forgetting import LEFT, measure_forgetting
+from ces_identify.limits import ForgettingLimits
+from ces_identify.structures.forgetting import measure_forgetting
 from ces_identify.structures.kit import Fitted, IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
@@ -24,7 +25,7 @@ def without_relaxation(model):
 
 def test_springs_that_relax_forget_and_those_that_do_not_stay_where_they_were():
     forgets, keeps = (measure_forgetting(one, [RIDE], 5.0) for one in (MODEL, without_relaxation(MODEL)))
-    assert forgets.largest < LEFT < keeps.left["rest"]
+    assert forgets.largest < ForgettingLimits.LEFT < keeps.left["rest"]
     assert forgets.settles_s < 1.0
 
 

@@ -9,12 +9,12 @@ import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, planted, with_values
 
 from ces_identify.identification import identify
-from ces_identify.polynomial.search_limits import TIME_IS_UP, Limits
+from ces_identify.numerics.search import TIME_IS_UP, Limits
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.lagged import NO_MORE_GAIN, NO_STEP
 from ces_identify.structures.network import NetworkShape
-from ces_identify.trained.starts import NO_MORE_GAIN, NO_STEP
-from ces_identify.trained.training import MAX_GAIN, Lags
+from ces_identify.training import MAX_GAIN, Lags
 from ces_identify.validation.evaluate import VALIDATION
 
 pytestmark = pytest.mark.slow
@@ -78,7 +78,7 @@ def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
         return set(), set(args[0])
 
     heard.clear()
-    monkeypatch.setattr("ces_identify.polynomial.search_limits.wait", interrupt)
+    monkeypatch.setattr("ces_identify.numerics.search.wait", interrupt)
     broken_off = identify_kind(kind, limits=Limits(time=60.0, starts=1, threads=1), listener=heard.append)
     assert broken_off.search_results[0].ended == "interrupted"
     assert np.isfinite(broken_off.search_results[0].cost)

@@ -14,7 +14,7 @@ from planted import RATE_HZ, SAMPLING, WIDE, planted
 from ces_cli.identify.program import make_parser, select_identify_function
 from ces_cli.identify.validate import print_proof
 from ces_identify import structures as offline
-from ces_identify.polynomial.search_limits import SearchResult
+from ces_identify.numerics.search import SearchResult
 from ces_identify.prepare.series import prepare
 from ces_identify.report.page import write_report
 from ces_identify.simulations.simulate import sample_force, simulate_series

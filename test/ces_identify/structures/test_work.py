@@ -14,14 +14,14 @@ from identification_examples import planted as planted_polynomial
 from planted import FUZZY, NETWORK, planted
 from planted import SAMPLING as TRAINED_SAMPLING
 
+from ces_identify.numerics.search import TIME_IS_UP, Limits, SearchResult, spread_work
 from ces_identify.polynomial.problem import assemble_problem
-from ces_identify.polynomial.search_limits import TIME_IS_UP, Limits, SearchResult, spread_work
 from ces_identify.polynomial.selection import search
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.fuzzy import FuzzyShape
+from ces_identify.structures.lagged import train
 from ces_identify.structures.network import NetworkShape
-from ces_identify.trained.starts import train
-from ces_identify.trained.training import Lags, build_training
+from ces_identify.training import Lags, build_training
 
 LIMITS = Limits(terms=6, starts=4, threads=1)
 LAGS = Lags((1,), (0.0, 0.0025), (0.0075,))

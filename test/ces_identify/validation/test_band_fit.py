@@ -7,9 +7,10 @@ import pytest
 from damper_models import plain_damper
 from residual_series import RATE, evaluation, series
 
+from ces_identify.limits import BandLimits
 from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import simulate_series, since_reversal
-from ces_identify.validation.band import LEVEL, fit_band
+from ces_identify.validation.band import fit_band
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_observer.model import Envelope
 
@@ -49,7 +50,7 @@ def band():
 
 def test_a_fresh_recording_is_covered_evenly_over_force_and_reversals(band) -> None:
     fresh = noisy(8, by_force_and_reversal)
-    assert coverage(band, fresh) == pytest.approx(LEVEL, abs=0.02)
+    assert coverage(band, fresh) == pytest.approx(BandLimits.LEVEL, abs=0.02)
     force = np.abs(simulate_series(MODEL, fresh).force[fresh.scored])
     since = since_reversal(fresh)[fresh.scored]
     for signal in (force, since):
@@ -85,7 +86,7 @@ def test_errors_of_refitted_models_count_not_those_of_the_model_itself():
 def test_without_a_refit_or_if_it_fails_the_errors_are_those_of_the_fit() -> None:
     rides = [noisy(seed, by_force_and_reversal) for seed in (3, 4)]
     band = fit_band(MODEL, rides)
-    assert coverage(band, rides[0]) == pytest.approx(LEVEL, abs=0.03)
+    assert coverage(band, rides[0]) == pytest.approx(BandLimits.LEVEL, abs=0.03)
     assert fit_band(MODEL, rides, lambda weights: None) == band
 
 

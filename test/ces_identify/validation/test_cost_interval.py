@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from residual_series import RATE, coloured, evaluation, series
 
+from ces_identify.limits import ErrorLimits
 from ces_identify.prepare.cost import cost
 from ces_identify.validation.evaluate import (
-    MAX_FACTOR,
     ScoredTicks,
     cost_interval,
     interval_of_ticks,
@@ -85,4 +85,4 @@ def test_no_interval_reaches_beyond_the_largest_factor():
         one = series(6_000, seed)
         e = evaluation(one, 50.0 * coloured(6_000, 0.99, seed))
         interval = cost_interval([e])
-        assert interval is None or interval.high <= MAX_FACTOR * e.cost
+        assert interval is None or interval.high <= ErrorLimits.MAX_FACTOR * e.cost

@@ -9,7 +9,7 @@ from ces_identify.prepare.cost import cost
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
-from ces_rig.experiment import load_experiment, measure, packaged_experiments, simulate_truth
+from ces_rig.experiments.virtual import load_experiment, measure, packaged_experiments, simulate_truth
 
 
 def cycles(frequency=4.0, noise=10.0, drift=0.0, seconds=20.0, seed=1, current=None, **more):

@@ -12,9 +12,9 @@ from ces_identify.simulations.simulation import FunctionSimulation
 from ces_rig.blind.cases import open_arrays, open_seal, write_arrays, write_case, write_seal
 from ces_rig.blind.draw import draw_case
 from ces_rig.blind.plan import BlindCase
-from ces_rig.dampers.kinds import KINDS
+from ces_rig.dampers.stepper import KINDS
 from ces_rig.errors import RigError
-from ces_rig.experiment import load_rig
+from ces_rig.experiments.virtual import load_rig
 from ces_rig.sensors import EPOCH_NS
 
 SECONDS = 2.0

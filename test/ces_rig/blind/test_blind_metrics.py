@@ -16,8 +16,7 @@ from ces_rig.blind.metrics import (
     rate,
     withheld_table,
 )
-from ces_rig.blind.outcome import CaseOutcome, Mode, combine_modes
-from ces_rig.blind.scoring import closure
+from ces_rig.blind.scoring import CaseOutcome, Mode, closure, combine_modes
 
 RIGHT = CaseOutcome(
     case="0001", kind="effect", truth=("friction",), gap_to_noise=3.0, baseline_ratio=0.0, excitation="rich", plant="a",

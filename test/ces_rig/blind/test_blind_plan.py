@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from ces_rig.blind.plan import KINDS, Levels, is_visible, list_spare_effects, plan_sample
-from ces_rig.dampers.kinds import KINDS as DAMPERS
+from ces_rig.dampers.stepper import KINDS as DAMPERS
 from ces_rig.errors import RigError
 
 LEVELS = Levels(

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
-from ces_rig.dampers.kinds import KINDS as ALL
 from ces_rig.dampers.lookup.parameters import Lookup
+from ces_rig.dampers.stepper import KINDS as ALL
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 

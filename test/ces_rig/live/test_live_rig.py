@@ -10,7 +10,7 @@ import yaml
 
 from ces_rig.dampers.stepper import DamperStepper, simulate, spline_speed
 from ces_rig.errors import RigError
-from ces_rig.experiment import DamperDescription, load_description
+from ces_rig.experiments.virtual import DamperDescription, load_description
 from ces_rig.live.motion import BLOCK, Actuator, Script, make_loop
 from ces_rig.live.rig import LiveRig, RigSettings, parse_effect, with_effects
 from ces_rig.live.timing import Command, Pace

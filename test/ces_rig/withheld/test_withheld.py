@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE, WithheldEffect
-from ces_rig.drive.strokes import make_stroke
 from ces_rig.errors import RigError
-from ces_rig.experiment import load_rig
+from ces_rig.experiments.strokes import make_stroke
+from ces_rig.experiments.virtual import load_rig
 from ces_rig.sensors import GRID_S, Sensors, measure_signals
 from ces_rig.withheld.plants import (
     PLANTS,

@@ -1,1 +1,0 @@
-"""The program `blind`: blind tests of the diagnosis are made, run and scored."""

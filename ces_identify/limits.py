@@ -1,0 +1,178 @@
+"""The numbers that decide, by what they decide, each with its unit and where it comes from.
+
+A number without a source is a judgement: no recording has shown a better one. Settings of a numerical method (steps,
+damping, sizes of blocks) decide nothing and stand where the method is.
+"""
+
+from __future__ import annotations
+
+
+class TickLimits:
+    """Whether there are enough ticks; the ticks of a long recording are thinned."""
+
+    MIN_SCORED = 50  # ticks with a measured force, for a cost J; at 1 kHz 0.05 s
+    MIN_ERRORS = 200  # ticks, for a fit, a band, or tests of residuals
+    ALL = 600_000  # ticks, of which a fit takes all: 10 min at 1 kHz, about what a laptop fits in minutes
+    MAX = 300_000  # ticks that a fit takes of more than these: one minute in three, four, ...
+    STRETCH_S = 60.0  # [s] of a long recording that are kept in one piece
+    MIN_CHANGE = 1e-3  # of an input's largest size: one that changes less is constant, and makes no regressor
+    MIN_GAP_S, GAP_SAMPLES = 0.05, 10.0  # a gap is longer than 50 ms, and than ten samples: ROS loses fewer in a row
+    MIN_SAMPLES = 10  # of the position in time order
+
+
+class SamplingLimits:
+    """How positions become ticks: rate, noise, modes and outliers (docs/speed.md)."""
+
+    RATE_SLACK = 1.01  # of the rate of the stamps: a nominal rate is a little above it
+    MIN_RATE_HZ = 1000.0  # [Hz] enough for damping forces,
+    TICKS_A_PERIOD = 20.0  # or so many ticks in a period of the fastest mode
+    WINDOW_S = 4.0  # [s] of a Welch segment
+    MIN_SAMPLES = 64  # of a stretch that enters the spectrum
+    NOISE_FROM_HZ = 100.0  # [Hz] the stroke has no content above this (road: less than 30 Hz, ISO 8608),
+    NOISE_FROM_SHARE = 0.25  # or above this share of the sampling rate if that is lower
+    MIN_NOISE = 1e-6  # of the RMS speed in a tick: the noise of positions without any
+    MIN_SPEED_M_S = 1e-4  # [m/s] RMS speed of a damper at rest
+    OUTLIER_FACTOR = 25.0  # times the RMS of the innovations
+    OUTLIER_S = 2.5e-3  # [s] or the RMS speed in this time, or in two ticks, so that a restart in motion succeeds
+    STROKE_MARGIN_M = 0.05  # [m] beyond the recorded stroke, or its length if that is more: positions that are believed
+    WIDER_HZ = ((3.0, 7.5, 18.75, 46.9, 117.2), (6.0, 15.0, 37.5, 93.8, 234.4))  # modes for strokes beyond vehicles'
+    MIN_LIKELIHOOD_GAIN = 0.1  # of the log likelihood a tick, for these
+    HIGHEST_SHARE = 0.125  # of the rate: the modes' frequencies
+    MAX_SAMPLES = 30_000  # of a recording, for the likelihood: more change no figure of the noise
+    DELAY_SLACK = 0.02  # ticks by which a delay may be off a whole number
+
+
+class WeightLimits:
+    """Regions of ticks with a weight of their own (thesis, section 6.3)."""
+
+    SLOW_M_S = 0.05  # [m/s] |speed| of a zero crossing, by default
+    CENTRAL = 0.8  # share of the stroke between its ends, by default
+    MAX_WEIGHT = 1e6
+
+
+class ErrorLimits:
+    """How far sums of correlated errors may be off: what is slower than a recording shows (docs of `correlation`)."""
+
+    LEVEL = 0.95  # of intervals and tests: the convention
+    SLOWEST_S = 4.0  # [s] correlation time of the slowest changes that are taken to be possible
+    MIN_SHARE = 1.0 / 15.0  # of a recording's duration, for that time
+    COSINES = 0.6  # times the inverse share: cosines that are used
+    MIN_COSINES = 4
+    ALARM, ALARM_SHARE = 0.9, 0.3  # level of the F test for slower changes; the share of the recording that counts then
+    BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
+    MIN_BINS = 100  # of a recording: 1 s
+    MAX_FACTOR = 3.0  # between J and an end of its interval; beyond it, the recordings are too short
+    ROUNDING = 1e-4  # of the cost: smaller differences are rounding (a model and its own FMU), not better models
+
+
+class CycleLimits:
+    """Which cycles are equal, so that what differs between them is noise."""
+
+    SETTLE_S = 1.0  # [s] skipped at each segment's start, after the warm-up
+    MIN_CYCLES = 5
+    MIN_PERIOD_S = 0.02  # [s] 50 Hz: faster than rigs move
+    MISMATCH = 0.01  # RMS difference of a cycle from its neighbours: of the stroke's spread, or of the RMS current
+    PEAK = 0.9  # autocorrelation at which a lag is a candidate for the period
+    OFF_TICK = 0.1  # ticks by which a lag may be off a whole number
+
+
+class EnvelopeLimits:
+    """When a recording is outside a model's envelope, and when the damper works."""
+
+    MIN_SHARE = 0.005  # of the ticks: a model's own recordings are outside for hardly as long
+    WORKING, MOST = 0.5, 0.9  # a window works with this share of the work that this quantile of windows has
+
+
+class ResidualLimits:
+    """Tests of a residual (Ljung 1999, sec. 16.6)."""
+
+    LEVEL = 0.99  # Ljung's and MATLAB's usual level
+    LAG_S = 0.1  # [s] longest lag: longer than the memory of dampers and valves
+    CONSTANT = 1e-2  # standard deviation over the largest size below which an input is not tested
+
+
+class LackLimits:
+    """On which quantities the error depends; less is left to the figures."""
+
+    MISFIT = 30.0  # [%] J on its own data from which a model does not fit, as in docs/reports.md
+    MIN_SHARE = 0.2  # of the error's energy
+    MIN_GAIN = 1.5  # [%] by which J would be lower
+    MAX_DEPENDENCES = 2
+    MAX_OUTSIDE = 0.5  # of a recording's ticks, outside the envelope: such a recording does not count
+    AS_GOOD = 0.8  # of the best share: the recordings cannot tell the two quantities apart
+    MAX_TICKS, MIN_TICKS = 20_000, 2_000
+    BLOCK_S, MIN_BLOCKS = 2.0, 14  # [s] far longer than the memory of a damper; blocks, for signs at random
+    HEAT_S = 100.0  # [s] in which oil warms up
+    MIN_CHANGE = 0.05  # of the force in a region, to be named
+
+
+class BandLimits:
+    """How wide the band around a force is, and where nothing is known."""
+
+    LEVEL = 0.9  # of the measured forces that it holds
+    CHANGE_S = 0.01  # [s] over which speed, current and force change: valve and oil of a damper take about as long
+    REVERSAL_S = 0.02  # [s] after a reversal, in which friction and pressure build up
+    MAX_DISTANCE = 4.0  # spreads: beyond it nothing is known about the error, and the band does not grow further
+    CONSTANT_SHARE = 0.2  # of the squared error, which does not grow with the distance
+    PHYSICAL_SHARE = 0.75  # the same for a structure with physics inside, whose error hardly grows
+    MAX_PARTS = 6  # recordings left out in turn, or groups of them
+    MIN_SPREAD = 1e-6  # [m, m/s, A]: a state that changes less counts as constant
+    MIN_SIZE = 1e-3  # of an error's prediction, relative to the mean error
+
+
+class FoldLimits:
+    """Parts of recordings that a model has not seen."""
+
+    MIN_STRETCH_S = 2.0  # [s] of a stretch of a single recording as a fold: one without warm-up and a swing
+    MAX_PARTS = 4  # recordings left out in turn by `cross_fit`, or groups of them: a refit each
+    STRETCHES = 3  # of a recording, left out in turn
+
+
+class ChoiceLimits:
+    """Which structure is taken, and which another one is worth naming."""
+
+    ALIKE = 1.6  # ratio to the best cost up to which a structure belongs to the mean (shaking table: 6.0 %, 6.3 at 1.3)
+    HOPELESS = 3.0  # and beyond which half of a fit is enough
+    SHORT_WORK = 0.12  # of the fit of a structure with physics beside a chosen one without
+    SHORT_SHARE = 0.35  # of a time limit, for these fits
+    CLEARLY_BETTER = 0.9  # share of the chosen structure's cost from which another one is named
+    EXPERTS_ALIKE = 1.2  # ratio to the best cost up to which a start of experts belongs to their mean
+    STROKE_GAIN = 0.92  # share of the selection cost from which the stroke counts among lagged inputs,
+    SUB_MODEL_GAIN = 0.8  # and sub-models over the stroke in a polynomial
+
+
+class ForgettingLimits:
+    """Whether a model forgets where it was started."""
+
+    LEFT = 0.01  # of the force's spread: less is forgotten
+    PAST_S, JOIN_S = 2.0, 0.25  # [s] length of a past, and of the way from its end to where the same input begins
+    TAIL = 0.05  # share of the time at the end in which differences count
+    WINDOW_S = 0.1  # [s] of RMS differences: a check valve may close a tick later (UTFSM, sweep at 0 A: 3 % for a tick)
+
+
+class ResultLimits:
+    """Whether an identification has a result at all."""
+
+    UNEXPLAINED_J = 60.0  # [%] beyond the noise: the model explains nothing (docs/checks.md)
+    WITHOUT_SPEED_J = 30.0  # [%] the same for a polynomial without the speed
+    AGREEMENT, AGREEMENT_J = 1.25, 0.5  # a model's J over the one shown for it, and [%] beside: a last fit changes less
+
+
+class ComparisonLimits:
+    """What counts when models are compared."""
+
+    WARM_UP_S = 0.5  # [s] not scored after the start and after each gap, for models that ask for less
+    MAX_GAP_S = 0.05  # [s] over which the measured force is interpolated, as in `ces_observer.model.Sampling`
+    MAX_RATIO = 1000.0  # of a simulated to the largest measured force: a simulation without an envelope diverged
+    MIN_SECONDS = 2.0 * ErrorLimits.SLOWEST_S  # [s] of all recordings together, to tell that there is no difference
+
+
+class VerdictLimits:
+    """What a report says in words: whether a model fits, and what to record next."""
+
+    FITS = ((5.0, "Closely"), (10.0, "Well"), (30.0, "Roughly"), (float("inf"), "No"))  # J below [%], docs/reports.md
+    ROAD_SPEED_M_S = 0.18  # [m/s] RMS piston speed of `ces rig road`: ISO 8608 class C, 60 km/h, a quarter vehicle
+    MIN_CURRENT_SPAN_A = 0.05  # [A] less is one current
+    MAX_OUTSIDE = 0.01  # share of the scored time
+    MISFIT_SHARE = 0.7  # of the error on new data that the model's own data have, too: more data would not lower it
+    LOOSE = 10.0  # times the forces of the recordings: a bound that says little

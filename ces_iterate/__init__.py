@@ -1,1 +1,0 @@
-"""Experiments on the rig in the loop: designed, run, identified, repeated."""
