@@ -5,7 +5,7 @@
 # make test-fast  lint and the tests that are not marked slow: a developer's loop, a good minute
 # make test-bare  a part of the tests without those programs, as on a bare machine; .ci/run does this and then `test`
 # make bench   speed, each beside what it is compared with
-# make tables  the tables of figures in docs/, or those of TABLES='thesis read', by the commands in the pages; all take
+# make tables  the tables of figures in docs/, or those of TABLES='thesis measured', by the commands in the pages; all take
 #              days, some need ROS 2 or the measured recordings (CES_DATA=FOLDER)
 # make reference  docs/reference/*.md anew, from the declarations in the code
 # make docs    the documentation site, into out/site (its search needs a server: python3 -m http.server -d out/site)
@@ -18,7 +18,7 @@ PYTHON ?= python3
 # A sourced ROS 2 puts its own Python's packages on PYTHONPATH: they have no place in this environment.
 RUN := env -u PYTHONPATH $(VENV)/bin
 OUT := out
-TABLES ?= thesis one-model
+TABLES ?= thesis
 CORE := $(wildcard ces_observer/tick/*.py ces_identify/export/c_*.py ces_identify/export/tick_module.c)
 
 .PHONY: demo test test-fast test-bare lint suite test-ros bench tables reference docs clean

@@ -9,11 +9,10 @@ from pathlib import Path
 from ces_observer.json_text import write_atomically
 
 
-def markdown(rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table: the first row is the heading, all columns but the first are right-aligned."""
-    rule = ["---", *["---:"] * (len(rows[0]) - 1)]
-    lines = [" | ".join(rows[0]), "|".join(rule), *(" | ".join(row) for row in rows[1:])]
-    return "\n".join(f"|{line}|" if line.startswith("---") else f"| {line} |" for line in lines)
+def markdown(rows: Sequence[Sequence[str]], left: int = 1) -> str:
+    """Return a Markdown table: the first row is the heading, columns after the first `left` are right-aligned."""
+    rule = ["---"] * left + ["---:"] * (len(rows[0]) - left)
+    return "\n".join(f"|{'|'.join(row)}|" for row in (rows[0], rule, *rows[1:]))
 
 
 def replace_between(path: Path, name: str, body: str) -> None:

@@ -165,10 +165,6 @@ FAULTS = (
         for signal in ("position", "force", "current")
     ),
     SenseFault("current stuck in the second half", hold_stretch("current", 0.5, 1.0), ("current",)),
-    *(
-        SenseFault(f"{signal} dead (0) for 10 % of the time", hold_stretch(signal, value=0.0), (signal,))
-        for signal in ("position", "force", "current")
-    ),
     SenseFault("force held at 100 Hz", hold_samples("force", 10), ("force",)),
 )
 

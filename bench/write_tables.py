@@ -47,10 +47,9 @@ def run_command(command: str) -> str:
     print(command, file=sys.stderr, flush=True)
     words = shlex.split(os.path.expandvars(command))
     words[0] = sys.executable if words[0] == "python" else words[0]
-    text = _output_of(words)
-    table = text if re.search(r"^\|", text, re.MULTILINE) else f"```\n{text}\n```"
+    table = _output_of(words)
     changed = " with changes" if _output_of(["git", "status", "--porcelain", "-uno"]) else ""
-    where = "" if processor() in text else f"; {machine()}"
+    where = "" if processor() in table else f"; {machine()}"
     return f"{table}\n\nCommit {_output_of(['git', 'rev-parse', '--short=8', 'HEAD'])}{changed}{where or '.'}"
 
 

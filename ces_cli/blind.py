@@ -47,7 +47,7 @@ from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.options import Option
 from ces_rig.blind.cases import make_cases, open_seal, read_seal, remove_cases
-from ces_rig.blind.metrics import ScoreTable, group_cases, metric_table, mode_facts, withheld_table
+from ces_rig.blind.metrics import TextRows, group_cases, metric_table, mode_facts, withheld_table
 from ces_rig.blind.plan import ERRORS, GAPS, KINDS, Levels, list_spare_effects, plan_sample
 from ces_rig.blind.scoring import (
     DECISION,
@@ -233,8 +233,8 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     options = DiagnoseOptions(threads=1, experiment=False)
     diagnosis = diagnose(simulation, spec, real, held_out, reference, options)
     write_gap(out / GAP, diagnosis)
-    found = diagnosis.composition.composition, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded
-    save_augmented(out / AUGMENTED, spec, *found, timing=diagnosis.probe.corrected)
+    explanation = diagnosis.composition.composition, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded
+    save_augmented(out / AUGMENTED, spec, *explanation, timing=diagnosis.probe.corrected)
     figures = None if diagnosis.figures is None else asdict(diagnosis.figures)  # behind the verdict
     write_atomically(out / DECISION, json.dumps({"figures": figures}, indent=1) + "\n")
     _replay(out, simulation, held_out)
@@ -257,7 +257,7 @@ def _prepare_simulation(case: Path, out: Path, described: Mapping[str, Any], mod
 
 def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Recording]:
     recordings = zip(names, _read_bags(case, names), strict=True)
-    return [with_predictions(simulation, case / name, one, load_signals()) for name, one in recordings]
+    return [with_predictions(simulation, case / name, recording, load_signals()) for name, recording in recordings]
 
 
 def _read_bags(case: Path, names: Sequence[str]) -> list[Recording]:
@@ -301,7 +301,7 @@ def _score(options: argparse.Namespace) -> int:
     require_outputs(options.overwrite, {"--out": options.out})
     about, labels = open_seal(options.cases)
     by_mode: dict[str, list[CaseOutcome]] = {}
-    parts: list[str | ScoreTable] = []
+    parts: list[str | TextRows] = []
     for folder, mode in find_modes(options.results, options.cases):
         if mode.name in by_mode:
             raise CesError(f"{folder}: a second folder with results of mode {mode.name}; give one for each mode")
@@ -317,7 +317,7 @@ def _score(options: argparse.Namespace) -> int:
             f"{options.results[0]}: contains no diagnosis of a case of {options.cases}; run 'ces blind run' first"
         )
     parts = [metric_table("mode", by_mode), *parts]
-    text = "\n\n".join(_as_markdown(part) if isinstance(part, ScoreTable) else part for part in parts)
+    text = "\n\n".join(part if isinstance(part, str) else _as_markdown(part) for part in parts)
     if options.json:
         print_document("blind-score", {"modes": {name: mode_facts(cases) for name, cases in by_mode.items()}})
     else:
@@ -338,9 +338,9 @@ def _format_opening(
     return "  \n".join([first, *(f"Case {case} could not be diagnosed: {why}" for case, why in failed.items())])
 
 
-def _as_markdown(table: ScoreTable) -> str:
-    lines = ["| " + " | ".join(row) + " |" for row in (table.head, *table.rows)]
-    return "\n".join([lines[0], "|" + "---|" * len(table.head), *lines[1:]])
+def _as_markdown(rows: TextRows) -> str:
+    head, *lines = ("| " + " | ".join(row) + " |" for row in rows)
+    return "\n".join([head, "|" + "---|" * len(rows[0]), *lines])
 
 
 def _several(name: str, default: Any, meaning: str, metavar: str = "KIND", **how: Any) -> Option:

@@ -15,8 +15,8 @@ from ces_cli.terminal.outputs import name_report, print_document, require_output
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.comparison import comparison_report
-from ces_identify.comparison.compared_models import ComparedModel, make_compared_model, name_sources
-from ces_identify.comparison.comparison import Comparison, compare, cost_table, headline
+from ces_identify.comparison.compared_models import ComparedModel, make_compared_model
+from ces_identify.comparison.comparison import Comparison, compare, cost_table, headline, name_sources
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_identify.validation.cost_table import NONE
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise CesError(f"no recording given; {USAGE}")
     signals = terminal.load_described_signals(options)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(bags)}
-    found = print_findings(list(recordings.values()))
+    findings = print_findings(list(recordings.values()))
     models = [read_predictions(model, recordings, signals) for model in models]
     with terminal.err.status("comparing") as status:
         comparison = compare(models, list(recordings.values()), options.part, announce=status.update)
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for note in comparison.notes_on_charts():
             terminal.print_warning(note)
     if options.json:
-        print_document("compare", {**comparison_report.comparison_document(comparison), "findings": found})
+        print_document("compare", {**comparison_report.comparison_document(comparison), "findings": findings})
         return 0
     _print_comparison(comparison)
     if options.report is not None:

@@ -8,23 +8,28 @@ from __future__ import annotations
 import atexit
 import ctypes
 import os
+import platform
+import re
 import shutil
 import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from importlib import import_module
+from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ces_identify.jobs import end_process
+from ces_observer import __version__
+from ces_observer.errors import CesError
 
 ProgramTable = Mapping[str, tuple[str, str]]
+Program = Callable[[Sequence[str] | None], int]
 
 PROGRAMS: ProgramTable = {  # module and summary by name
     "info": ("bags.info", "inspect recordings: signals, rates, gaps, ranges, coverage"),
@@ -60,6 +65,8 @@ DESK = ("numpy", "scipy", "numba", "jinja2", "rich", "yaml", "joblib", "rosbags"
 NODES = {"identify": "ces_cli.identify.node", "rig": "ces_rig.live.node"}
 CACHE_VARIABLE = "NUMBA_CACHE_DIR"
 PACKAGE = Path(__file__).resolve().parents[1] / "ces_identify" / "numerics"
+DISTRIBUTION = "ces_observer"
+DEVELOPMENT = ("dev", "test", "docs", "bench", "fuzz")  # extras that no program uses
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # the environment's own values win
 
 
@@ -71,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not words or words[0] in ("-h", "--help"):
         return _print_usage()
     if words[0] == "--version":
-        return _run_program("--version", "versions", words[1:])
+        return _run_program("--version", lambda: print_versions, words[1:])
     return _run(words[0], words[1:])
 
 
@@ -99,10 +106,10 @@ def _run(name: str, words: Sequence[str]) -> int:
         text = f"{ROS_ARGS} is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer identify' or '... rig'"
         print(f"ces {name}: error: {text}", file=sys.stderr)
         return 2
-    return _run_program(name, PROGRAMS[name][0], words)
+    return _run_program(name, lambda: import_module(f"ces_cli.{PROGRAMS[name][0]}").main, words)
 
 
-def _run_program(name: str, module: str, words: Sequence[str]) -> int:
+def _run_program(name: str, load: Callable[[], Program], words: Sequence[str]) -> int:
     before = {}
     if threading.current_thread() is threading.main_thread():
         for number in (getattr(signal, end) for end in ENDS if hasattr(signal, end)):
@@ -116,7 +123,7 @@ def _run_program(name: str, module: str, words: Sequence[str]) -> int:
     from ces_cli.terminal.terminal import run
 
     try:
-        return run(name, import_module(f"ces_cli.{module}").main, words)
+        return run(name, load(), words)
     finally:
         for number in before.keys() - {signal.SIGINT}:  # Ctrl-C while Python ends is no error
             signal.signal(number, before[number] or signal.SIG_DFL)
@@ -157,6 +164,51 @@ def _quit(number: int, frame: FrameType | None) -> NoReturn:
     with suppress(OSError):  # the terminal may be gone
         os.write(2, b"ces: interrupted\n" if number == signal.SIGINT else f"ces: {ended}\n".encode())
     end_process(number)
+
+
+def print_versions(argv: Sequence[str] | None = None) -> int:
+    """Print the versions of the suite, Python and its packages, of ROS 2, and of the machine; returns the exit status.
+
+    Raises CesError for words other than --json.
+    """
+    from ces_cli.terminal.outputs import print_document
+
+    words = list(argv or ())
+    if words not in ([], ["--json"]):
+        raise CesError(f"found '{' '.join(words)}'; expected nothing more, or --json")
+    facts = find_versions()
+    if words:
+        print_document("version", facts)
+        return 0
+    packages = facts.pop("packages")
+    rows = {**facts, **packages}
+    print(
+        "\n".join([f"{DISTRIBUTION} {__version__}", *(f"{name:<13} {fact or 'absent'}" for name, fact in rows.items())])
+    )
+    return 0
+
+
+def find_versions() -> dict[str, Any]:
+    """Return the versions by the suite's own metadata: None if absent; no packages if it was never installed."""
+    try:
+        lines = metadata.requires(DISTRIBUTION) or []
+    except metadata.PackageNotFoundError:
+        lines = []
+    used = [line for line in lines if not any(f'extra == "{extra}"' in line for extra in DEVELOPMENT)]
+    return {
+        "python": f"{platform.python_version()} ({sys.executable})",
+        "platform": f"{platform.platform()}, {os.cpu_count() or 1} processors",
+        "ROS 2": os.environ.get("ROS_DISTRO"),
+        "middleware": os.environ.get("RMW_IMPLEMENTATION"),
+        "packages": {name: _find_version(name) for name in (re.split(r"[^\w.-]", line)[0] for line in used)},
+    }
+
+
+def _find_version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 def run_for_ros() -> int:

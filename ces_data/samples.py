@@ -102,11 +102,11 @@ def find_spikes(channel: Channel) -> Mask:
     usual = median_filter(values, 2 * length + 1, mode="nearest")
     distance, span = np.abs(values - usual), float(np.ptp(np.percentile(usual, (0.5, 99.5))))
     least = JUMP_SPANS[channel.name] * max(span, LEAST_SPANS[channel.name])
-    found = distance > max(least, SPIKE_RATIO * float(np.percentile(distance, 95.0)))
+    far = distance > max(least, SPIKE_RATIO * float(np.percentile(distance, 95.0)))
     if channel.name != "current":
-        rest = np.flatnonzero(~found)
-        found[rest] = _find_bursts(values[rest], BURST * least, BURST_S * rate)
-    spikes[finite] = found
+        others = np.flatnonzero(~far)
+        far[others] = _find_bursts(values[others], BURST * least, BURST_S * rate)
+    spikes[finite] = far
     return spikes
 
 

@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +43,6 @@ MAX_BYTES = 4_000_000
 MAX_EFFECTS = 20
 
 Opener = Callable[[str], Simulation]
-Learned = TypeVar("Learned", LearnedCorrection, Twin)
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ class AugmentedFile:
     sim: NamedSimulation = part()
     parameters: Mapping[str, float] | None = part(default=None, optional=True)
     input_timing: InputTiming = part(default=ON_TIME, optional=True)
-    correction: Mapping[str, Any] | None = part()
+    correction: LearnedCorrection | None = part()
     twin: Mapping[str, Any] | None = part()
     is_recorded: bool = part()
     effects: tuple[EffectEntry, ...] = items(0, MAX_EFFECTS)
@@ -191,7 +190,7 @@ def augmented_text(
         sim=NamedSimulation(str(sim["spec"]), sim["sha256"]),
         parameters=values or None,
         input_timing=timing,
-        correction=None if correction is None else correction.as_json(),
+        correction=correction,
         twin=twin.as_json() if twin is not None and (is_recorded or composition.edits) else None,
         is_recorded=is_recorded,
         effects=tuple(map(_make_entry, composition.settings)),
@@ -226,15 +225,16 @@ def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:
     again = "run `ces diagnose` again"
     file: AugmentedFile = read_document(FILE, values, str(path), SCHEMA, again, GapError)
     settings = tuple(_read_setting(entry, f"{path}: effects[{i}]") for i, entry in enumerate(file.effects))
-    correction = _read_learned_part(file.correction, f"{path}: correction", LearnedCorrection.from_json)
-    twin = _read_learned_part(file.twin, f"{path}: twin", Twin.from_json)
+    twin = None if file.twin is None else Twin.from_json(file.twin, f"{path}: twin")
     simulation = open_named(path, file.sim, open_simulation)
     if file.parameters:
         simulation = simulation.with_values(file.parameters)
     if file.input_timing:
         simulation = RetimedSimulation(simulation, file.input_timing)
     composition = Composition(settings)
-    return AugmentedSimulation(str(path), simulation, composition, correction, twin, file.is_recorded, file.provenance)
+    return AugmentedSimulation(
+        str(path), simulation, composition, file.correction, twin, file.is_recorded, file.provenance
+    )
 
 
 def open_named(path: Path, sim: NamedSimulation, open_simulation: Opener, writer: str = "diagnose") -> Simulation:
@@ -290,12 +290,3 @@ def _read_setting(entry: EffectEntry, where: str) -> Setting:
         value = slack.check(given[p.name], f"{where}: parameters: {p.name}", GapError)
         values.append(min(max(value, p.low), p.high))
     return Setting(effect, tuple(values))
-
-
-def _read_learned_part(values: Mapping[str, Any] | None, where: str, read: Callable[[Any], Learned]) -> Learned | None:
-    """Return a learnt part, None if it is null."""
-    try:
-        return None if values is None else read(values)
-    except (ModelError, KeyError, TypeError, ValueError, IndexError) as error:
-        text = f"{type(error).__name__}: {error}; expected the output of `ces diagnose`; run it again"
-        raise GapError(f"{where}: {text}") from None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import butter, firwin, sosfiltfilt, welch
 
 from ces_data.arrays import F, I, Mask
@@ -15,6 +17,7 @@ SAME_CURRENT = 0.02  # relative spread below which a current counts as constant
 GRID_HZ = 500.0  # [Hz] highest rate of the grid: the effects of a damper lie far below half of it
 MAX_SILENCE_S = 0.05  # [s] longer pauses of a channel are not bridged
 SMOOTHING_HZ = (15.0, 200.0)  # [Hz] range of the position's low-pass; a lower limit takes real motion from fast strokes
+RUN_OUT_S = 0.25  # [s] of padding that leads from the last value of a response back to the first
 ABOVE_NOISE = 10.0  # power of the position over its noise floor that counts as signal
 
 
@@ -24,6 +27,16 @@ def derivative(values: F, rate_Hz: float) -> F:
     if len(values) > 4:
         out[2:-2] = (8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) * (rate_Hz / 12.0)
     return out
+
+
+def apply_response(force: F, rate_Hz: float, response: Callable[[F], NDArray[np.complex128]]) -> F:
+    """Return the force (n,) behind `response`, a function of the angular frequencies [rad/s]."""
+    count = len(force)
+    padded = next_fast_len(count + round(RUN_OUT_S * rate_Hz), real=True)
+    bridge = np.linspace(force[-1], force[0], padded - count + 2)[1:-1]
+    frequency = 2.0 * np.pi * rate_Hz * np.arange(padded // 2 + 1) / padded
+    spectrum = rfft(np.concatenate([force, bridge])) * response(frequency)
+    return np.asarray(irfft(spectrum, padded)[:count])
 
 
 def number_blocks(times: Sequence[F], block_s: float) -> list[I]:

@@ -15,6 +15,7 @@ from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
 from ces_gap.calibrate.calibration import FreedParameters, free_parameters
+from ces_gap.calibrate.changed import changed_parameters
 from ces_gap.calibrate.choice import VISIBLE
 from ces_gap.calibrate.fitting import unexplained_N
 from ces_gap.calibrate.free import NONE
@@ -36,8 +37,8 @@ from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_not
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.regions.locate import NOWHERE, locate_gap
-from ces_gap.report.parameters import with_parameters
-from ces_gap.trace import usable_values
+from ces_gap.report.parameters import with_changes, with_parameters
+from ces_gap.trace import own_error_N, usable_values
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 
 FREED = "parameters of the simulation"
@@ -111,6 +112,9 @@ def diagnose(
     progress("learning the baseline error", 0.0)
     baseline = learn_baseline(inputs)
     visible = [e for e in effects if e.name not in dict(invisible) and not (e.edits and inputs.twin_problem)]
+    if reference and options.fit and list(options.fit) != [NONE] and isinstance(inputs.exact, DirectSimulator):
+        ask = inputs.exact.simulation, spec, baseline.evidence, options.fit
+        visible += optional.run(FREED, lambda: changed_parameters(*ask), [])
     share = MIN_GAIN_SHARE if inputs.reference else MIN_GAIN_SHARE_UNCORRECTED
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
     progress("computing the ceiling", 0.0)
@@ -130,12 +134,12 @@ def diagnose(
         proposed = optional.run("next experiment", lambda: propose_experiment(plant, *among), None)
         diagnosis = replace(diagnosis, next_experiment=proposed or known)
     notes = (*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes)
-    return replace(diagnosis, notes=notes)
+    return replace(with_changes(diagnosis) if reference else diagnosis, notes=notes)
 
 
 def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: DiagnoseOptions) -> float | None:
     """Return the share of the force up to which a gap is none: where parameters competed alone, twice their rest."""
-    if options.tolerance is not None or not chosen.competed or chosen.effect:
+    if options.tolerance is not None or not chosen.competed or (chosen.effect and not own_error_N(inputs.real)):
         return options.tolerance
     return VISIBLE * unexplained_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
 

@@ -1,10 +1,11 @@
 """Offline identification: recordings go in; selected, validated and proved models come out. Needs no ROS.
 
-The rooms in reading order: `prepare` (uniform ticks), `numerics` (kernels), `polynomial`, `trained` and `physical`
-(the structures' fitters), `structures` (a kit each), `simulations` (anything that computes a force), `validation` (how
-good a model is), `comparison` (several models on the same recordings), `export` (C, FMU, C++), `report` (the page),
-`characteristics` (what a damper dyno shows), `campaign` (many identifications) on `jobs` (many jobs at once). The names
-below are the public interface; they are imported when they are first used.
+The rooms in reading order: `limits` (the numbers that decide), `prepare` (uniform ticks), `numerics` (kernels and
+searches), `polynomial`, `training` and `physical` (what fits need), `structures` (a fit and a kit each), `simulations`
+(anything that computes a force), `validation` (how good a model is), `comparison` (several models on the same
+recordings), `export` (C, FMU, C++), `report` (the page), `characteristics` (what a damper dyno shows), `campaign` (many
+identifications) on `jobs` (many jobs at once). The names below are the public interface; they are imported when they
+are first used.
 """
 
 from typing import TYPE_CHECKING

@@ -95,12 +95,12 @@ def identify(
     given = as_recordings(recordings, signals)
     held_out = as_recordings(validation, signals, required=False)
     require_distinct(given, held_out)
-    found = check_together([*given, *held_out])
-    require_sound(found, ignore_findings)
-    for finding in found:
+    findings = check_together([*given, *held_out])
+    require_sound(findings, ignore_findings)
+    for finding in findings:
         warnings.warn(finding.text, stacklevel=2)
     result = identification.identify(given, held_out, how, listener, fitter)
-    return result.require_explained(found, ignore_findings)
+    return result.require_explained(findings, ignore_findings)
 
 
 def validate(
@@ -112,9 +112,9 @@ def validate(
 
         validate("model.json", ["bags/road", "bags/noise"])
     """
-    known = _as_model(model)
-    series = [prepare(one, known.sampling) for one in as_recordings(recordings, signals)]
-    return Evaluations(evaluate(known, series, VALIDATION))
+    loaded = _as_model(model)
+    series = [prepare(recording, loaded.sampling) for recording in as_recordings(recordings, signals)]
+    return Evaluations(evaluate(loaded, series, VALIDATION))
 
 
 def compare_models(
@@ -135,18 +135,18 @@ def compare_models(
     if not isinstance(models, Mapping):
         raise CesError(f"models: expected models by their names, as in {{'a': 'a.json'}}; got {kind_of(models)}")
     named = [
-        make_compared_model(name, one if isinstance(one, Simulation) else ModelSimulation(_as_model(one)))
-        for name, one in models.items()
+        make_compared_model(name, given if isinstance(given, Simulation) else ModelSimulation(_as_model(given)))
+        for name, given in models.items()
     ]
     return compare(named, as_recordings(recordings, signals), part)
 
 
 def simulate(model: ModelInput, recording: RecordingInput) -> NDArray[np.float64]:
     """Return the force [N] at every position sample (n,), as the observer would publish it; NaN where it withholds."""
-    known, given = _as_model(model), as_recordings(recording, need=SIGNALS[:2])
+    loaded, given = _as_model(model), as_recordings(recording, need=SIGNALS[:2])
     if len(given) > 1:
         raise CesError(f"{len(given)} recordings given; expected one")
-    return sample_force(known, given[0])
+    return sample_force(loaded, given[0])
 
 
 def simulate_arrays(
@@ -185,11 +185,13 @@ def _find_fitter(structure: str, sizes: Mapping[str, Size]) -> Fitter:
     """Return the fitter of a structure with the given sizes; raises CesError naming what is unknown."""
     if structure != AUTO and structure not in KITS:
         raise CesError(f"structure '{structure}' is unknown; expected one of {', '.join([*KITS, AUTO])}")
-    known = default_sizes() if structure == AUTO else {size.name: size.default for size in KITS[structure].sizes}
-    if not sizes.keys() <= known.keys():
-        raise CesError(f"structure '{structure}' has no size {', '.join(sizes.keys() - known.keys())}")
+    defaults = default_sizes() if structure == AUTO else {size.name: size.default for size in KITS[structure].sizes}
+    if not sizes.keys() <= defaults.keys():
+        raise CesError(f"structure '{structure}' has no size {', '.join(sizes.keys() - defaults.keys())}")
     try:
-        return BestStructure({**known, **sizes}) if structure == AUTO else KITS[structure].fitter({**known, **sizes})
+        return (
+            BestStructure({**defaults, **sizes}) if structure == AUTO else KITS[structure].fitter({**defaults, **sizes})
+        )
     except ValueError as error:
         raise CesError(f"structure '{structure}': {error}") from None
 

@@ -68,6 +68,11 @@ class IdentificationResult:
     evaluations: tuple[Evaluation, ...]
     search_results: tuple[SearchResult, ...]
 
+    @property
+    def starts(self) -> int:
+        """Number of starts that gave a model; a start may have several results."""
+        return len({result.seed for result in self.search_results})
+
     def __repr__(self) -> str:
         return f"{self._describe()}\n{cost_table(self.evaluations)}"
 
@@ -80,17 +85,19 @@ class IdentificationResult:
         proof = "stability not proved" if model.certificate is None else "proved stable"
         return f"{model.structure}: {describe_size(model)} at {model.sampling.rate_Hz:g} Hz, {proof}; costs J:"
 
-    def require_explained(self, found: Sequence[Finding] = (), ignore_findings: bool = False) -> IdentificationResult:
+    def require_explained(
+        self, findings: Sequence[Finding] = (), ignore_findings: bool = False
+    ) -> IdentificationResult:
         """Return the result with the findings in spite of which it was identified in the model's provenance.
 
-        `found` are those of the checks. Raises RecordingError if the model explains nothing of the force that it was
+        `findings` are those of the checks. Raises RecordingError if the model explains nothing of the force that it was
         fitted to, unless `ignore_findings`.
         """
         failure = self._describe_failure()
-        reasons = [f.text for f in found if f.signal != "current"] or [UNLIKE_FORCE]
+        reasons = [f.text for f in findings if f.signal != "current"] or [UNLIKE_FORCE]
         if failure and not ignore_findings:
             raise RecordingError(f"{failure}; {reasons[0]}; --ignore-findings keeps such a model")
-        forced = [f.text for f in found if f.severity == WRONG_MODEL] + [failure] * bool(failure)
+        forced = [f.text for f in findings if f.severity == WRONG_MODEL] + [failure] * bool(failure)
         if not forced:
             return self
         return replace(self, model=replace(self.model, provenance={**self.model.provenance, "forced": forced}))
@@ -98,7 +105,7 @@ class IdentificationResult:
     def _describe_failure(self) -> str:
         """Return what shows that the model explains nothing; '' if it does, or for an interrupted or weighted fit."""
         fitted = [e for e in self.evaluations if e.role == IDENTIFICATION]
-        stopped = any(one.ended == INTERRUPTED for one in self.search_results)
+        stopped = any(result.ended == INTERRUPTED for result in self.search_results)
         if stopped or "weights" in self.model.provenance["selection"]:
             return ""
         cost = pooled_cost(fitted)
@@ -134,7 +141,7 @@ def identify(
     """
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
-    identified = [without_spikes(one.part(0.0, options.share(validation))) for one in recordings]
+    identified = [without_spikes(recording.part(0.0, options.share(validation))) for recording in recordings]
     motion = choose_motion(recordings, options.speed)
     sampling = choose_sampling(identified, options.rate, options.delay, motion)
     return _identify_at(sampling, recordings, validation, options, listener, fitter)
@@ -168,8 +175,8 @@ def _identify_at(
     how = fitted.refit, fitted.leave_out_recordings, options.limits.threads
     band = fit_band(fitted.model, identified, *how) if options.band else None
     model = replace(with_forgetting(fitted.model, identified, options.forget), band=band)
-    rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
-    held_out = [series for series in rest if series.scored.sum() >= TickLimits.MIN_SCORED]
+    later = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
+    held_out = [series for series in later if series.scored.sum() >= TickLimits.MIN_SCORED]
     held_out += [prepare(recording, sampling) for recording in validation]
     evaluations = evaluate(model, everything, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
@@ -185,7 +192,7 @@ def _identify_at(
         "selection": {
             **fitted.how,
             "starts": options.limits.starts,
-            "starts_with_model": count_starts(fitted.results),
+            "starts_with_model": len({start.seed for start in fitted.results}),
             "first_seed": options.limits.seed,
             "best_seed": fitted.results[0].seed,
             **({"seconds": round(options.limits.time, 3)} if np.isfinite(options.limits.time) else {}),
@@ -222,11 +229,6 @@ def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> 
         )
     facts = {"forgetting": measured.to_mapping()} if measured.pasts else {}
     return replace(model, certificate={**model.certificate, **facts}, settles_s=measured.settles_s)
-
-
-def count_starts(results: Sequence[SearchResult]) -> int:
-    """Return the number of starts among the results; a start may have several."""
-    return len({result.seed for result in results})
 
 
 def _describe_origin(recording: Recording) -> dict[str, str]:
@@ -323,8 +325,8 @@ def _cut_into_folds(recording: Recording, folds: int) -> Iterator[Fold]:
             f"least {FoldLimits.MIN_STRETCH_S:g} s; use fewer folds"
         )
     for a, b in pairwise(edges):
-        rest = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
-        yield Fold(tuple(rest), (cut_recording(recording, a, b),))
+        kept = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
+        yield Fold(tuple(kept), (cut_recording(recording, a, b),))
 
 
 @dataclass(frozen=True)
@@ -360,9 +362,9 @@ def cross_fit(
     fitted, series = kept[-1]
     masks = masks_by_stretch(series) if len(series) == 1 else masks_by_recording(series, FoldLimits.MAX_PARTS)
     with ThreadPoolExecutor(max(1, options.limits.threads)) as pool:
-        found = list(pool.map(partial(_leave_out, fitted, series), masks))
-    parts = tuple(part for group in found for part in group)
-    return CrossFit(result, parts, tuple(group[0].model for group in found if group))
+        left_out = list(pool.map(partial(_leave_out, fitted, series), masks))
+    parts = tuple(part for group in left_out for part in group)
+    return CrossFit(result, parts, tuple(group[0].model for group in left_out if group))
 
 
 def _leave_out(fitted: Fitted, series: Sequence[Series], masks: Sequence[Mask]) -> list[LeftOutPart]:
@@ -371,9 +373,9 @@ def _leave_out(fitted: Fitted, series: Sequence[Series], masks: Sequence[Mask]) 
     if model is None:
         return []
     parts = []
-    for i, (one, mask) in enumerate(zip(series, masks, strict=True)):
+    for i, (recorded, mask) in enumerate(zip(series, masks, strict=True)):
         if mask.any():  # a part reaches to infinity at the ends of its recording
-            start_s = -np.inf if mask[0] else float(one.time_s[mask][0])
-            stop_s = np.inf if mask[-1] else float(one.time_s[mask][-1]) + 1.0 / one.rate_Hz
+            start_s = -np.inf if mask[0] else float(recorded.time_s[mask][0])
+            stop_s = np.inf if mask[-1] else float(recorded.time_s[mask][-1]) + 1.0 / recorded.rate_Hz
             parts.append(LeftOutPart(i, start_s, stop_s, model))
     return parts

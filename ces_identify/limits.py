@@ -136,6 +136,7 @@ class ChoiceLimits:
     SHORT_WORK = 0.12  # of the fit of a structure with physics beside a chosen one without
     SHORT_SHARE = 0.35  # of a time limit, for these fits
     CLEARLY_BETTER = 0.9  # share of the chosen structure's cost from which another one is named
+    COST_TOLERANCE = 0.1  # of the lowest selection cost of a campaign: the excess allowed for a smaller model
     EXPERTS_ALIKE = 1.2  # ratio to the best cost up to which a start of experts belongs to their mean
     STROKE_GAIN = 0.92  # share of the selection cost from which the stroke counts among lagged inputs,
     SUB_MODEL_GAIN = 0.8  # and sub-models over the stroke in a polynomial
@@ -176,3 +177,57 @@ class VerdictLimits:
     MAX_OUTSIDE = 0.01  # share of the scored time
     MISFIT_SHARE = 0.7  # of the error on new data that the model's own data have, too: more data would not lower it
     LOOSE = 10.0  # times the forces of the recordings: a bound that says little
+
+
+class MotionLimits:
+    """Position and speed of a dyno's recording, without delay."""
+
+    MIN_BANDWIDTH_HZ, MAX_BANDWIDTH_HZ = 30.0, 200.0  # [Hz] of the speed
+    MAX_BANDWIDTH_SHARE = 0.25  # of the sampling rate
+    NOISE_SHARE = 0.01  # of the RMS speed: the noise of the speed that is borne
+    MAX_CURRENT_AGE_S = 5.0  # [s] a commanded current may be logged only when it changes
+    MIN_STRETCH_S = 0.25  # [s] without a gap
+
+
+class DynoLimits:
+    """Which cycles count as those of a damper dyno, and which belong together."""
+
+    MIN_SAMPLES = 20  # of a cycle
+    MIN_BANDWIDTH_RATIO = 5.0  # bandwidth over the frequency of the cycle: the speed of a sine is 0.2 % low
+    MIN_PROMINENCE = 0.01  # of the stroke's span: smaller turns are no reversals
+    NOISE_PROMINENCE = 8.0  # times the noise of the speed, over one period of the bandwidth
+    MAX_SHAPE_DIFFERENCE = 0.06  # RMS between neighbours, of half the stroke
+    MAX_PERIOD_DIFFERENCE = 0.15  # between neighbours, of the period
+    MIN_REPEATS = 3  # cycles in a row that resemble each other
+    MIN_CYCLES = 3  # for a spread, a loop, work and branches
+    SETTLE_S = 0.1  # [s] before a cycle in which the current must be constant, too
+    PEAK_SHARE = 0.97  # the peak is where the speed is at least this share of the largest
+    CURRENT_SHARE = 0.03  # of the largest current: less is the same current,
+    CURRENT_NOISE = 8.0  # or this times the noise of the measured current
+    SAME_SIZE = 0.03  # relative difference of amplitude and of frequency within a condition
+    SAME_CENTRE = 0.2  # difference of the centre of the stroke within a condition, of the amplitude
+
+
+class StepLimits:
+    """Which steps of the current show the response of the valve."""
+
+    PLATEAU_S = 0.05  # [s] of constant current before and after a step
+    MAX_STEP_S = 0.04  # [s] that the change of the logged current may take
+    MIN_STEP = 3.0  # in tolerances of the current
+    BEFORE_S = 0.03  # [s] of steady force before the step
+    MIN_AFTER_S, MAX_AFTER_S = 0.05, 0.25  # [s] at a constant speed after it
+    SPEED_SHARE = 0.10  # by which the speed may leave its mean before the step
+    MIN_FORCE_CHANGE = 15.0  # times the noise of the force
+    UNSETTLED = 0.05  # of the change of force: drift before the step, and at the end
+    MAX_T63_SHARE = 0.3  # of the window: a slower response would not have settled
+    SPARSE_S = 0.05  # [s] a current logged less often is one that is logged when it changes
+    MIN_STEPS = 3  # for an interval
+
+
+class BinLimits:
+    """Force over speed of any motion: which bins are shown, and whether the current has levels."""
+
+    MAX_LEVELS = 12
+    MIN_STEADY = 0.5  # share of samples at a steady current, for levels
+    MIN_SAMPLES = 30
+    MIN_VISITS = 3  # separate passes through a bin: samples of one pass are not independent

@@ -27,9 +27,8 @@ POLYNOMIALS = f"polynomials (--structure polynomial or {AUTO})"
 TIME = Option(
     "time",
     None,
-    "hard end in time, from reading to report, without the compilation in the first run: the search with its "
-    "comparison of structures gets 0.8 of what reading leaves; on a busy computer its last step may take longer. A "
-    "search that it ends may answer differently on another machine",
+    "hard end in time, from reading to report, without the compilation in the first run; a search that it ends may "
+    "answer differently on another machine",
     0.1,
     1e6,
     "s",

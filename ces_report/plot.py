@@ -83,7 +83,7 @@ def draw_plot(plot: Plot, max_points: int = MAX_POINTS, table: Markup | None = N
 def _legend(plot: Plot) -> Markup:
     """Return a list of the names of all marks, each with the swatch of the first mark of this name."""
     named = [mark for area in plot.areas for mark in area.marks if mark.name]
-    first = {mark.name: next(one for one in named if one.name == mark.name) for mark in named}
+    first = {mark.name: next(candidate for candidate in named if candidate.name == mark.name) for mark in named}
     entries = Markup("").join(
         Markup('<li data-name="{}">{}{}</li>').format(name, _swatch(mark), name) for name, mark in first.items()
     )
@@ -326,7 +326,7 @@ def draw_chart(ident: str, chart: Chart, size: tuple[float, float]) -> Markup:
     """Return a chart of about `size` (width, height) [px]."""
     width, height = size
     curves = chart.curves
-    marks = [mark for n, one in enumerate(curves) for mark in _marks(one, curve_css(n, len(curves)))]
+    marks = [mark for n, curve in enumerate(curves) for mark in _marks(curve, curve_css(n, len(curves)))]
     low, high = min(float((c.y - c.half).min()) for c in curves), max(float((c.y + c.half).max()) for c in curves)
     room = 0.05 * (high - low)
     area = PlotArea(chart.y_label, marks, height=height - 84.0, y_range=(low - room, high + room), y_ticks=7)

@@ -43,9 +43,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference calibrate "
         "experiment regions diagnosis report pipeline api fleet"
     ),
-    "ces_cli": (
-        "terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema versions main"
-    ),
+    "ces_cli": ("terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema main"),
 }
 ROS = {
     "rclpy",
@@ -71,11 +69,11 @@ MAX_PACKAGE = {
     "ces_data": 86,
     "ces_report": 11.5,
     "ces_identify": 169.5,
-    "ces_rig": 77,
-    "ces_gap": 125.6,
+    "ces_rig": 77.2,
+    "ces_gap": 127,
     "ces_cli": 68.7,
-    "bench": 81.4,
-    "test": 476.5,
+    "bench": 79.8,
+    "test": 477,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

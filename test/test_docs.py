@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from doc_pages import QUICK_EFFECTS, ROOT, PageRunner, in_folder, make_parser, make_standard_files, plain_line
+from doc_pages import QUICK_EFFECTS, ROOT, PageRunner, in_folder, make_parser, make_standard_files
 from programs import NO_SHORT_FITS, run_here
 
 import ces_gap.pipeline
@@ -31,7 +31,7 @@ from ces_gap.effects.library import library_effect
 DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
 LINKED = {"CHANGELOG.md": ROOT / "CHANGELOG.md", "bags/README.md": ROOT / "bags/README.md", **PAGES}
-MAX_WORDS = 46_200  # of README, CHANGELOG and docs, as `wc -w` counts them; docs/tick.md is 900 of them
+MAX_WORDS = 35_900  # of README, CHANGELOG and docs, as `wc -w` counts them
 FOLDERS = ("bench", "config", "examples", "launch", "test")
 SOURCES = ("*.py", "*.yaml", "*.j2", "*.xml", "*.ipynb")
 FENCED = re.compile(r"^( *)```.*?^\1```", re.MULTILINE | re.DOTALL)
@@ -145,9 +145,7 @@ def test_every_page_is_in_the_navigation_once() -> None:
 @pytest.mark.slow
 def test_the_reference_is_that_of_the_declarations(name: str) -> None:
     page = (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8")
-    written = plain_line(page) if name == "checks" else page  # computed figures may differ in their last digits
-    made = f"{NOTE}{REFERENCE[name]()}"
-    assert written.strip() == (plain_line(made) if name == "checks" else made).strip(), "run `make reference`"
+    assert page.strip() == f"{NOTE}{REFERENCE[name]()}".strip(), "run `make reference`"
 
 
 def test_every_picture_is_shown_and_made_by_a_command() -> None:
@@ -161,10 +159,8 @@ def test_every_picture_is_shown_and_made_by_a_command() -> None:
 
 def test_tables_of_figures_name_a_command_that_writes_them() -> None:
     text = "".join(path.read_text(encoding="utf-8") for path in PAGES.values())
-    assert sorted(re.findall(r"^<!-- (.*): end -->$", text, re.MULTILINE)) == sorted(
-        f"{n} table" for n in find_tables()
-    )
-    assert len(re.findall(r": begin", text)) == len(find_tables()), (
+    assert sorted(re.findall(r"^<!-- (.*) table: end -->$", text, re.MULTILINE)) == sorted(find_tables())
+    assert len(re.findall(r" table: begin", text)) == len(find_tables()), (
         "a marker is not <!-- NAME table: begin (COMMAND) -->"
     )
     for name, table in find_tables().items():

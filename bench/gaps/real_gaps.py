@@ -4,15 +4,18 @@
 
 DATA holds the folders of the rigs. The simulations lack something known of the
 real machine (`real_cases.py`); all options of the diagnosis are the defaults. A
-diagnosis takes a second to half a minute of CPU; each row is printed when it is ready.
+diagnosis takes a second to half a minute of CPU. Each answer is noted when it is ready; the table has a row for each
+simulation and truth, over all its recordings.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import bench.blas_one_thread  # noqa: F401 - before NumPy
 from bench.gaps.real_cases import (
@@ -24,13 +27,13 @@ from bench.gaps.real_cases import (
     map_cases,
     pressure_cases,
 )
+from bench.markdown import markdown
 from bench.measurement import print_note
-from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis, Estimate
+from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.inference.judgement import CALIBRATION, TIMING
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 
-HEADER = ("simulation and recordings", "in truth", "answer", "judged", "shrink %", "parameters", "independent")
-ALIGN = "|---|---|---|---|---:|---|---|"
+HEADER = ("simulation", "in truth", "answers", "judged", "shrink %", "parameters")
 RIGHT, PARTLY, DOUBT, NOTHING, WRONG = "right", "partly", "in doubt", "none", "**wrong**"
 
 
@@ -64,29 +67,67 @@ def judge(causes: Sequence[str], verdict: str, effects: Sequence[str]) -> str:
     return RIGHT if len(hits) == len(physical) else PARTLY
 
 
-def cells(case: RealCase, diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return a row of the table."""
-    best = diagnosis.composition
-    names = " + ".join(name.replace("_", " ") for name in best.effects) or "nothing"
+class CaseAnswer(NamedTuple):
+    """The answer to a case: what it is about, the verdict with its effects, and the figures of right effects."""
+
+    setup: str
+    truth: str
+    answer: str
+    judged: str
+    shrink: float | None
+    parameters: tuple[tuple[str, float], ...]
+
+
+def read_answer(case: RealCase, diagnosis: Diagnosis) -> CaseAnswer:
+    """Return the answer of a diagnosis."""
+    best, is_named = diagnosis.composition, diagnosis.verdict not in (UNKNOWN, NO_GAP)
+    names = " + ".join(name.replace("_", " ") for name in best.effects)
     if diagnosis.verdict == AMBIGUOUS:
         names += "".join(f" (or {' or '.join(g).replace('_', ' ')})" for g in diagnosis.indistinguishable)
-    parameters = "; ".join(
-        _format_estimate(e)
+    parameters = tuple(
+        (e.name, e.value)
         for effect, estimates in zip(best.effects, best.estimates, strict=True)
         for e in estimates
         if effect in case.causes and diagnosis.verdict != UNKNOWN
     )
-    shrink = "" if diagnosis.verdict == NO_GAP else f"{100.0 * best.shrink:.0f}"
-    judged = judge(case.causes, diagnosis.verdict, best.effects)
     verdict = diagnosis.verdict.replace("_", " ")
-    answer = verdict if diagnosis.verdict == UNKNOWN else f"{verdict}: {names}"
-    return case.setup, case.truth, answer, judged, shrink, parameters, case.measure()
+    answer = f"{verdict}: {names}" if is_named else verdict
+    shrink = None if diagnosis.verdict == NO_GAP else best.shrink
+    judged = judge(case.causes, diagnosis.verdict, best.effects)
+    return CaseAnswer(case.setup, case.truth, answer, judged, shrink, parameters)
 
 
-def _format_estimate(estimate: Estimate) -> str:
-    low, high = estimate.ci95
-    doubt = " at its bound" if estimate.at_bound else ""
-    return f"{estimate.name} {estimate.value:.3g} ({low:.3g}…{high:.3g}){doubt}"
+def table(answers: Iterable[CaseAnswer]) -> str:
+    """Return the table: a row for each simulation (what stands before the comma in a setup) and truth."""
+    groups: dict[tuple[str, str], list[CaseAnswer]] = {}
+    for one in answers:
+        groups.setdefault((one.setup.partition(",")[0], one.truth), []).append(one)
+    rows = [HEADER, *((*key, *_summarise(alike)) for key, alike in groups.items())]
+    return markdown(rows, left=len(HEADER))
+
+
+def _summarise(answers: Sequence[CaseAnswer]) -> tuple[str, ...]:
+    shrinks = [100.0 * one.shrink for one in answers if one.shrink is not None]
+    values: dict[str, list[float]] = {}
+    for name, value in (pair for one in answers for pair in one.parameters):
+        values.setdefault(name, []).append(value)
+    parameters = "; ".join(f"{name} {_span(of, '.3g')}" for name, of in values.items())
+    return (
+        _count(one.answer for one in answers),
+        _count(one.judged for one in answers),
+        _span(shrinks, ".0f") if shrinks else "",
+        parameters,
+    )
+
+
+def _count(words: Iterable[str]) -> str:
+    counts = Counter(words)
+    return "; ".join(f"{n} {word}" if sum(counts.values()) > 1 else word for word, n in counts.items())
+
+
+def _span(values: Sequence[float], digits: str) -> str:
+    low, high = f"{min(values):{digits}}", f"{max(values):{digits}}"
+    return low if low == high else f"{low}…{high}"
 
 
 def main() -> None:
@@ -99,12 +140,13 @@ def main() -> None:
     chosen = options.only or list(known)
     if missing := set(chosen) - set(known):
         parser.error(f"no case {', '.join(sorted(missing))}; expected {', '.join(known)}")
-    print(f"| {' | '.join(HEADER)} |\n{ALIGN}", flush=True)
+    answers = []
     for name in chosen:
-        began = time.process_time()
-        diagnosis = diagnose_case(known[name], options.threads)
-        print(f"| {' | '.join(cells(known[name], diagnosis))} |", flush=True)
-        print_note(f"{name}: {time.process_time() - began:.0f} s of CPU; {diagnosis.sentence}")
+        began, case = time.process_time(), known[name]
+        diagnosis = diagnose_case(case, options.threads)
+        answers.append(read_answer(case, diagnosis))
+        print_note(f"{name}: {time.process_time() - began:.0f} s of CPU; {diagnosis.sentence} ({case.measure()})")
+    print(table(answers))
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ from bench.live.contestants import (
     make_contestants,
     print_note,
 )
+from bench.markdown import markdown
 from bench.measurement import processor, verdict
 
 TARGETS = {OBSERVER: (1.5, 1.6), TWIN: (1.15, 1.15)}  # median and CPU, times those of the empty C++ relay
@@ -52,7 +53,7 @@ class MedianRange:
         return cls(median(all_values), all_values[0], all_values[-1])
 
     def text(self, digits: int = 0) -> str:
-        return f"{self.middle:,.{digits}f} ({self.low:,.{digits}f} to {self.high:,.{digits}f})"
+        return f"{self.middle:,.{digits}f} ({self.low:,.{digits}f}…{self.high:,.{digits}f})"
 
 
 def median_range(runs: Sequence[GeneratorRun], name: str, scale: float = 1.0) -> MedianRange:
@@ -92,11 +93,8 @@ def play(field: ContestField, nodes: Sequence[Contestant], options: argparse.Nam
     return runs
 
 
-def table(found: Runs) -> list[str]:
-    lines = [f"| {' | '.join(HEADER)} |", "|---|---:|---|" + "---:|" * (len(HEADER) - 3)]
-    for (load, rate, name), runs in found.items():
-        lines.append(f"| {' | '.join(row(load, rate, name, runs))} |")
-    return lines
+def table(found: Runs) -> str:
+    return markdown([HEADER, *(row(load, rate, name, runs) for (load, rate, name), runs in found.items())], left=3)
 
 
 def target_lines(found: Runs) -> list[str]:
@@ -142,7 +140,7 @@ def report(options: argparse.Namespace) -> list[str]:
     with ContestField(nodes, generator, priority=options.priority) as field:
         found = play(field, nodes, options)
     notes = [describe_noise(found, options, began), describe_machine()]
-    return [*table(found), "", *target_lines(found), "", *notes]
+    return [table(found), "", *target_lines(found), "", *notes]
 
 
 def parse_arguments() -> argparse.Namespace:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from bench.reference.checks import checks_page
 from bench.reference.effects import effects_page
 from bench.reference.files import files_page
 from bench.reference.nodes import nodes_page
@@ -22,7 +21,6 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "files": files_page,
     "effects": effects_page,
     "structures": structures_page,
-    "checks": checks_page,
 }
 NOTE = "<!-- written by `make reference` from the declarations in the code: change them, not this page -->\n"
 

@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby
 
-from bench.reference.tables import codes, paragraphs, span, table
-from ces_gap.effects.effect import SIMULATION, Effect, EffectParameter
+from bench.reference.tables import codes, first_paragraph, paragraphs, span, table
+from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.effects.library import library
-from ces_gap.effects.simulation_errors import simulation_errors
 
 ACTS_ON = ("sensors' readings", "motion", "current", "force of the oil", "force", "measured force")  # from SENSOR on
 UNITS = (  # ends of parameters' names, the longest first
     ("_m_sN_per_J", "m/(s·N·J)"), ("_m_s_rtN", "m/(s·√N)"), ("_m_sN", "m/(s·N)"), ("_N_m2", "N/m²"), ("_N_m", "N/m"),
-    ("_m_s", "m/s"), ("_N_s", "N/s"), ("_s_m", "s/m"), ("_per_J", "1/J"), ("_per_K", "1/K"),
+    ("_m_N", "m/N"), ("_m_s", "m/s"), ("_N_s", "N/s"), ("_s_m", "s/m"), ("_per_J", "1/J"), ("_per_K", "1/K"),
     ("_per_N", "1/N"), ("_kg", "kg"), ("_N", "N"), ("_m", "m"), ("_s", "s"), ("_A", "A"),
 )  # fmt: skip
 HEAD = """
 What a damper, its mounting and its sensors do that a simulation may lack. `ces diagnose` fits every form around the
-simulation, or inside its [twin](../gap.md#the-twin). F is the force inside an effect (the oil's, or that of effects
-further in), an expression its force outside; x, v and i drive the simulation, which an effect may change to x', v', i'.
-All are positive in compression. "Neutral" is without any effect. Bounds are no priors: a value at one is flagged.
+simulation, or inside its [twin](../diagnose.md#the-twin). F is the force inside an effect (the oil's, or that of
+effects further in), an expression its force outside; x, v and i drive the simulation, which an effect may change to
+x', v', i'. All are positive in compression. "Neutral" is without any effect. Searches keep to the usual range until a
+fit ends at its bound; a value at a bound is flagged. `ces_gap/effects/library/NAME.py` names sources.
 """
 
 
@@ -32,15 +32,12 @@ def effects_page() -> str:
         for e in (forms[0] for forms in groups)
     ]
     overview = table(("effect", "what", "on", "visible", "mistaken for"), rows)
-    errors = [e for e in simulation_errors() if e.stage == SIMULATION]
     return "\n".join(
         [
             "# Effects",
             HEAD,
             overview,
             *map(_section, groups),
-            "## Errors of the simulation\n\nWithout references they compete with the effects.\n",
-            *(f"* `{e.name}` ({e.form}): {' '.join(paragraphs(type(e)))}" for e in errors),
             "",
         ]
     )
@@ -56,20 +53,21 @@ def _section(forms: Sequence[Effect]) -> str:
     for form in forms:
         for base in reversed(type(form).__mro__[1:-1]):
             if base not in described and paragraphs(base) and base.__module__ == type(form).__module__:
-                lines.append(f"* {' '.join(paragraphs(base))}")
+                lines.append(f"* {first_paragraph(base)}")
             described.add(base)
         described.add(type(form))
-        lines.append(f"* `{form.form}`: {' '.join(paragraphs(type(form)))}")
-    by_parameter: dict[tuple[str, str, str, str], list[str]] = {}
+        lines.append(f"* `{form.form}`: {first_paragraph(type(form))}")
+    by_parameter: dict[tuple[str, ...], list[str]] = {}
     for form in forms:
         for p in form.parameters:
             none = f"{p.neutral:g}".replace("inf", "∞") if p.magnitude else ""
-            by_parameter.setdefault((p.name, _bounds(p), none, p.what), []).append(form.form)
+            usual = span(*p.usual) if p.usual else ""
+            by_parameter.setdefault((p.name, _bounds(p), usual, none, p.what), []).append(form.form)
     rows = [
-        (f"`{name}`", "" if len(of) == len(forms) else codes(of), bounds, none, what)
-        for (name, bounds, none, what), of in by_parameter.items()
+        (f"`{name}`", "" if len(of) == len(forms) else codes(of), *described)
+        for (name, *described), of in by_parameter.items()
     ]
-    return "\n".join(lines) + "\n\n" + table(("parameter", "forms", "bounds", "neutral", "meaning"), rows)
+    return "\n".join(lines) + "\n\n" + table(("parameter", "forms", "bounds", "usual", "neutral", "meaning"), rows)
 
 
 def _bounds(parameter: EffectParameter) -> str:

@@ -19,13 +19,15 @@ OF_SIGNALS = ("signals", "import", "candidates")  # files whose first keys are s
 SIGNAL = re.compile(rf"^({'|'.join(NAMES)})\b")
 SENSOR = re.compile(rf"^sensors\.({'|'.join(NAMES)})\b")
 SKIPPED = re.compile(
-    r"^structures\.|\.parts\[\]|\.again\.|^(time|rate)\.(?!date)|^(name|description)$|^damper\.|^identify\.|^(stroke|current|rig)\.kind$"
+    r"^structures\.|^limits\.(time|target|starts|threads)$|\.parts\[\]|\.again\.|^(time|rate)\.(?!date)|^(name|description)$|^damper\.|^identify\.|^(stroke|current|rig)\.kind$"
 )
 SHARED = ("rig.", "actuator.")  # alike in all files
+OF_ALL_STROKES = ("offset_m", "fade_s")  # told at the top
 HEAD = """
 `ces schema NAME` prints the JSON Schema of a kind of file, with ranges and required keys; an editor that uses it
 completes and checks the file. SIGNAL is a signal's name (or `time`). Keys `rig` and
-`actuator` are alike in all files, `structures` has [options of `ces identify`](programs.md#identify). Other files:
+`actuator` are alike in all files; `structures` and `limits` of a campaign have [options of `ces
+identify`](programs.md#identify). A stroke also has `offset_m` (0) and `fade_s` (0.5), but for a sequence. Other files:
 parameters of [nodes](nodes.md), dampers of [the virtual rig](../rig.md).
 """
 MODEL = (
@@ -48,8 +50,8 @@ def files_page() -> str:
         text.append(f"## `{name}`\n\n{ABOUT[name]}.\n")
         rows = _rows(json.loads(build_schema(name)), name in OF_SIGNALS, told)
         text.append(table(("key", "values", "default", "meaning"), rows))
-    text.append(f"## `gap.json`\n\n{ABOUT['gap']}. Inner keys end with their unit.\n")
-    text.append(table(("key", "meaning", "inner keys"), _gap_rows(json.loads(build_schema("gap")))))
+    text.append(f"## `gap.json`\n\n{ABOUT['gap']}. `ces schema gap` has all inner keys; they end with their unit.\n")
+    text.append(table(("key", "meaning, or inner keys"), _gap_rows(json.loads(build_schema("gap")))))
     text.append("## `model.json`\n\nA model (`ces identify`); plain JSON, limited in size, never executed.\n")
     return "\n".join([*text, table(("key", "meaning"), ((code(key), about) for key, about in MODEL))])
 
@@ -65,11 +67,11 @@ def _rows(root: Schema, of_signals: bool, told: set[str]) -> Iterator[tuple[str,
         told.add(shared)
 
 
-def _gap_rows(schema: Schema) -> Iterator[tuple[str, str, str]]:
+def _gap_rows(schema: Schema) -> Iterator[tuple[str, str]]:
     for name, one in schema["properties"].items():
         bare = next((part for part in one.get("anyOf", ()) if part.get("type") != "null"), one)
-        inner = bare.get("items", bare).get("properties", {})
-        yield code(name), one.get("description", "") or codes(map(str, filter(None, one.get("enum", ())))), codes(inner)
+        values = (*filter(None, one.get("enum", ())), *bare.get("items", bare).get("properties", {}))
+        yield code(name), one.get("description") or codes(map(str, values))
 
 
 def _walk(schema: Schema, root: Schema, path: str = "") -> Iterator[tuple[str, Schema]]:
@@ -112,7 +114,8 @@ def _resolve(schema: Schema, root: Schema) -> Schema:
 
 def _values(one: Schema) -> str:
     if "keys" in one:
-        defaults = ((name, as_text(inner.get("default"))) for name, inner in one["keys"].items())
+        own = ((name, inner) for name, inner in one["keys"].items() if name not in OF_ALL_STROKES)
+        defaults = ((name, as_text(inner.get("default"))) for name, inner in own)
         return ", ".join(
             f"`{name}{': ' + default if default and len(default) < 20 else ''}`" for name, default in defaults
         )

@@ -92,12 +92,17 @@ def nodes_page() -> str:
         if name == "identify":
             text.append("`bags` and all [options of `ces identify`](programs.md#identify), with `_` for `-`.\n")
     require_keys_of_the_code()
-    tasks = [(f"`DAMPER {name}`", codes(keys)) for name, keys in OBSERVER_KEYS.items()]
-    tasks += [(f"`controller {name}`", codes(keys)) for name, keys in CONTROLLER_KEYS.items()]
+    tasks = [(f"`DAMPER {name}`", _keys(keys)) for name, keys in OBSERVER_KEYS.items()]
+    tasks += [(f"`controller {name}`", _keys(keys)) for name, keys in CONTROLLER_KEYS.items()]
     text += ["## Keys of `/diagnostics`\n", table(("task", "keys"), tasks)]
     keys = ((codes(group), about) for group, about in DIAGNOSTICS)
     more = f"Also {codes(OF_THE_PROCESS)}.\n"
     return "\n".join([*text, "## Keys of `~/details`\n", table(("keys of the observer", "meaning"), keys), more])
+
+
+def _keys(keys: Iterable[str]) -> str:
+    """Return keys as code; those of one latency are one."""
+    return codes(dict.fromkeys(re.sub(r"(?<=, )(p50|p99|max) ", "p50 (p99, max) ", key) for key in keys))
 
 
 def require_keys_of_the_code() -> None:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from typing import Any
-
 from bench.reference.tables import code, codes, table
 from ces_identify.structures import KITS
-from ces_identify.structures.kit import StructureKit
-from ces_observer.proof.certificate import ENERGY_CLAIM
 from ces_observer.records import Record
 
 HEAD = """
 What `ces identify --structure NAME` fits; `auto` compares several. [Model structures](../structures.md) says
-when to choose which, [what is proved](../proof.md) what a proof means.
+when to choose which, [why a model is stable](../proof.md) what is proved of each.
 """
 
 
@@ -36,10 +31,4 @@ def structures_page() -> str:
         "keys in `model.json`",
         "inputs outside the envelope",
     )
-    proofs = table(("structure", "what is proved", "how"), ((code(name), *_proof(kit)) for name, kit in KITS.items()))
-    return "\n".join(["# Structures", HEAD, table(heading, rows), proofs])
-
-
-def _proof(kit: StructureKit[Any]) -> tuple[str, str]:
-    module = vars(sys.modules[kit.body.__module__])
-    return module.get("CLAIM", ENERGY_CLAIM), module["METHOD"]
+    return "\n".join(["# Structures", HEAD, table(heading, rows)])

@@ -8,12 +8,13 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from bench.markdown import markdown
+
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table; a cell's bars and line ends are replaced."""
     cells = [[re.sub(r"\s+", " ", cell).replace("|", "\\|").strip() for cell in row] for row in (heading, *rows)]
-    lines = [f"|{'|'.join(row)}|" for row in cells]
-    return "\n".join([lines[0], f"|{'|'.join('---' for _ in heading)}|", *lines[1:]]) + "\n"
+    return f"{markdown(cells, left=len(heading))}\n"
 
 
 def code(text: str) -> str:

@@ -1,8 +1,8 @@
 """Injects faults into a running observer for a quarter of an hour, and evaluates its estimates and diagnostics.
 
 Needs a sourced ROS 2 (`python3 -m bench.reliability.run`): the observer is a separate process, observed over real DDS
-on this computer, with a source at 1 kHz. With `--simulated`, time comes from /clock. Prints a table, one row per
-fault; in simulated time only of the faults that exist there alone.
+on this computer, with a source at 1 kHz. With `--simulated`, time comes from /clock. Prints a table, one row
+for each report; in simulated time only of the faults that exist there alone.
 Exit status 1 if a rule was violated.
 """
 
@@ -14,11 +14,13 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from math import isnan
 from pathlib import Path
 from random import Random
 
+from bench.markdown import markdown
 from bench.reliability.judge import REAL, SIMULATED, FaultOutcome, check_bounds, faults
 from ces_observer.model import load_model
 
@@ -65,7 +67,7 @@ class Memory:
 
 
 ROOT = Path(__file__).resolve().parents[2]
-HEADER = ("fault", "reported as", "worst recovery s", "worst error N")
+HEADER = ("reported as", "fault", "worst recovery s", "worst error N")
 
 
 class CampaignRecord:
@@ -101,18 +103,27 @@ class CampaignRecord:
     def lines(self) -> list[str]:
         """Return the page's lines: facts, failures and the table."""
         also_real = {one.name for one in faults(0.0) if REAL in one.times} if self.times == SIMULATED else set()
-        rows = [_row(name, several) for name, several in sorted(self.outcomes.items()) if name not in also_real]
+        rows = _rows({name: several for name, several in sorted(self.outcomes.items()) if name not in also_real})
         failed = [_describe_failure(name, several) for name, several in sorted(self.outcomes.items())]
         end = "The observer ended with status 0." if not self.wrong else f"**Wrong: {'; '.join(self.wrong)}.**"
         failures = "; ".join(filter(None, failed))
         verdict = f"**Failed**: {failures}; all others passed." if failures else "All passed."
-        return [f"{self._facts}. {end} {verdict}", "", f"| {' | '.join(HEADER)} |", "|---|---|---:|---:|", *rows]
+        return [f"{self._facts}. {end} {verdict}", "", markdown([HEADER, *rows], left=2)]
 
 
-def _row(name: str, outcomes: list[FaultOutcome]) -> str:
-    reasons = sorted({one.reason for one in outcomes if one.reason})
-    recovery_s, error_N = (_worst([getattr(one, what) for one in outcomes]) for what in ("recovery_s", "worst_error_N"))
-    return f"| {name} | {', '.join(reasons) or '**not**'} | {recovery_s:.3f} | {error_N:,.0f} |"
+def _rows(outcomes: Mapping[str, Sequence[FaultOutcome]]) -> list[tuple[str, ...]]:
+    """Return a row for each report, with the faults that are reported so."""
+    by_report: dict[str, dict[str, Sequence[FaultOutcome]]] = {}
+    for name, several in outcomes.items():
+        report = ", ".join(sorted({one.reason for one in several if one.reason})) or "**not**"
+        by_report.setdefault(report, {})[name] = several
+    return [_row(report, faulty) for report, faulty in sorted(by_report.items())]
+
+
+def _row(report: str, outcomes: Mapping[str, Sequence[FaultOutcome]]) -> tuple[str, ...]:
+    alike = [one for several in outcomes.values() for one in several]
+    recovery_s, error_N = (_worst([getattr(one, what) for one in alike]) for what in ("recovery_s", "worst_error_N"))
+    return report, "; ".join(outcomes), f"{recovery_s:.3f}", f"{error_N:,.0f}"
 
 
 def _worst(values: list[float]) -> float:

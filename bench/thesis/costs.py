@@ -16,7 +16,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from bench.thesis.models import (
     OURS,
@@ -31,12 +30,10 @@ from bench.thesis.models import (
     load_named_experiment,
 )
 from ces_data.recording import Recording
-from ces_identify.prepare.cost import cost, series_cost
-from ces_identify.prepare.series import Series, prepare
+from ces_identify.prepare.cost import cost
+from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_observer.model import Envelope
-from ces_rig.dampers.hydraulic.parameters import Hydraulic
-from ces_rig.dampers.stepper import simulate
 from ces_rig.experiments.virtual import (
     Experiment,
     describe_experiment,
@@ -48,8 +45,6 @@ from ces_rig.experiments.virtual import (
 )
 
 F = NDArray[np.float64]
-
-PULL = 2.0 * np.pi * 1.0  # [1/s]
 
 
 def noise_floors(experiment: Experiment) -> tuple[float, float]:
@@ -68,40 +63,6 @@ def simulate_driven(experiment: Experiment, recording: Recording) -> F:
     function = make_rig_force(describe_experiment(experiment))
     simulated = function(time, position.values, np.interp(position.stamps_ns, current.stamps_ns, current.values))
     return np.asarray(np.interp(force.stamps_ns, position.stamps_ns, simulated))
-
-
-def plant_cost(experiment: Experiment, series: Series) -> float:
-    """Return J [%] of the true damper driven with an estimator's inputs: the cost of a perfect model on a recording.
-
-    Estimated ticks of a recording of `experiment` go in (causal speed, filtered position, newest current, which is used
-    as the coil current where it is measured). `series` must be one segment without a gap.
-    """
-    assert len(series.segments) == 1, f"{series.name}: the rig's recordings have no gaps"
-    damper, interval = experiment.damper, 1.0 / series.rate_Hz
-    if experiment.sensors.current_source == "measured":
-        damper = replace(damper, ces_valve=replace(damper.ces_valve, solenoid_s=0.0))
-    stroke = integrate_speed(series.speed, series.position, interval)
-    run = simulate(Hydraulic(damper), interval, stroke, series.current, series.speed)
-    return series_cost(series, run.tared_N if experiment.settings.tare else run.force_N)
-
-
-def integrate_speed(speed: F, position: F, interval_s: float) -> F:
-    """Return a stroke [m] whose slope is nearly `speed`: its integral, slowly corrected towards `position`; (ticks,).
-
-    A damper needs a stroke whose slope is its speed, which the two estimates do not satisfy; therefore
-
-        dx/dt = v_estimated + k (x_filtered - x),  k = 2 pi 1 Hz, by the trapezoidal rule.
-
-    The correction only removes the drift: at 0.2 or 5 Hz instead of 1 Hz, J changes by less than 0.1. Nothing is
-    smoothed or non-causal.
-    """
-    half = 0.5 * interval_s
-    pushed = speed + PULL * position
-    numerator, denominator = [half, half], [1.0 + half * PULL, -(1.0 - half * PULL)]
-    before = -denominator[1] * position[0] + half * pushed[0]  # state of the filter after position[0]
-    later, _ = lfilter(np.divide(numerator, denominator[0]), np.divide(denominator, denominator[0]), pushed[1:],
-                       zi=[before / denominator[0]])  # fmt: skip
-    return np.concatenate([position[:1], later])
 
 
 FOLDER = "thesis"  # of the experiments

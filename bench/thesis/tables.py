@@ -1,18 +1,17 @@
-"""Tables 5.1 to 5.3 of the thesis on the virtual rig (synthetic data), its figure 5.3, and one model for all.
+"""Tables 5.1 to 5.3 of the thesis on the virtual rig (synthetic data), and its figure 5.3.
 
-    python -m bench.thesis.tables [--seconds S] [--processes N] [--one-model]
+    python -m bench.thesis.tables [--seconds S] [--processes N]
 
 Each experiment is run twice with different seeds: models are identified on the first run and evaluated on the second,
-once by the thesis' procedure, once by ours (proved stable). With `--one-model`, one certified model from noise and
-sweep is evaluated on recordings that it never saw, beside the damper itself. Prints tables; the figure goes to
-docs/img. Trained models are stored in out/tables: a rerun is cheap, an interrupted run continues.
+once by the thesis' procedure, once by ours (proved stable). Prints tables; the figure goes to docs/img. Trained models
+are stored in out/tables: a rerun is cheap, an interrupted run continues.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 from bench.markdown import markdown
 from bench.thesis.costs import (
@@ -21,11 +20,9 @@ from bench.thesis.costs import (
     Outcomes,
     cells,
     evaluate_all,
-    evaluate_outcome,
     make_job,
     noise_floor,
     percent,
-    plant_cost,
 )
 from bench.thesis.models import (
     NAMES,
@@ -43,28 +40,18 @@ from bench.thesis.models import (
     train_all,
 )
 from bench.thesis.plots import draw
-from ces_data.recording import Recording
-from ces_identify.prepare.series import prepare
 from ces_rig.experiments.virtual import run
 
 STORE = ROOT / "out" / "tables"
 FIGURE = ROOT / "docs/img/thesis_5_3.png"
-SOURCES, TERMS = ("noise", "sweep"), (25, 40)  # of one model for all experiments
-TARGETS = ("sine_4hz", "sine_12hz", "road", "noise", "sweep")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0, help="time limit of the search for a model [s]")
     parser.add_argument("--processes", type=int, default=processors(), help="models trained in parallel")
-    parser.add_argument("--one-model", action="store_true", help="print only the table of one model for all")
     options = parser.parse_args()
-    wanted = one_model_jobs() if options.one_model else jobs()
-    outcomes = train_all(wanted, options.seconds, options.processes, STORE)
-    if options.one_model:
-        targets = {name: run(load_named_experiment(name, fresh=True)) for name in TARGETS}
-        print(format_one_model(outcomes, targets))
-        return
+    outcomes = train_all(jobs(), options.seconds, options.processes, STORE)
     names = {row.target for table in TABLES.values() for row in table.rows}
     recordings = {name: run(load_named_experiment(f"{FOLDER}/{name}", fresh=True)) for name in sorted(names)}
     evaluations = evaluate_all(outcomes, recordings)
@@ -113,29 +100,6 @@ def facts(outcomes: Outcomes, seconds: float) -> str:
         f"took all of it: for these a faster machine may find better ones. The gain of our models is at most "
         f"{max(gains):.3f} (proved)."
     )
-
-
-def one_model_jobs() -> list[TrainingJob]:
-    """Return one certified model for all experiments in two sizes, the larger first."""
-    return [TrainingJob(POLYNOMIAL, OURS, SOURCES, (terms,)) for terms in reversed(TERMS)]
-
-
-def format_one_model(outcomes: Outcomes, recordings: Mapping[str, Recording]) -> str:
-    """Return the costs of both models on every recording, beside the damper on the same estimates."""
-    models = [outcomes[job] for job in reversed(one_model_jobs())]
-    sampling = next((o.model.sampling for o in models if o.model), None)
-    if sampling is None:
-        return f"No model was found: {models[0].why_none}."
-    rows = [["recording", *(f"{n} terms J %" for n in TERMS), "the damper itself J %", "ratio", "noise floor J %"]]
-    for name, recording in recordings.items():
-        judged = [evaluate_outcome(o, recording) for o in models]
-        plant = plant_cost(load_named_experiment(name, fresh=True), prepare(recording, sampling))
-        ratio = f"{judged[-1].cost / plant:.2f}" if judged[-1] else "-"
-        unseen = " (another run)" if name in SOURCES else ""
-        rows.append([name + unseen, *map(percent, judged), f"{plant:.2f}", ratio, f"{noise_floor(name):.2f}"])
-    speed = f"speed from modes up to {sampling.frequencies_Hz[-1]:g} Hz"
-    sizes = " and ".join(o.model.size if o.model else o.why_none for o in models)
-    return f'{markdown(rows)}\n\n{sizes}, {speed}; "ratio" is the last model over the damper itself.'
 
 
 if __name__ == "__main__":

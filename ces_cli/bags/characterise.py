@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     signals = terminal.load_described_signals(options)
     simulations = _open_simulations(options.model)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(options.bags)}
-    found = print_findings(list(recordings.values()))
+    findings = print_findings(list(recordings.values()))
     forces: dict[str, list[F]] = {}
     for name, one in simulations.items():
         with terminal.err.status(f"simulating {name}"):
@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         page, *tables = write_characteristics(options.out, results, command=terminal.command_line("characterise", argv))
         terminal.err.print(f"{page} and {len(tables)} CSV files", highlight=False, soft_wrap=True)
     if options.json:
-        print_document("characterise", {**asdict(results), "findings": found})
+        print_document("characterise", {**asdict(results), "findings": findings})
     else:
         _print_results(results)
     return 0

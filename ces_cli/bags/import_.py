@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with without_text(options.json):
         bags = _import(options)
     if options.json:
-        print_document("import", {"bags": [one.as_json() for one in bags]})
+        print_document("import", {"bags": [log.as_json() for log in bags]})
     return 0
 
 
@@ -146,8 +146,8 @@ def _import(options: Namespace) -> list[_ImportedLog]:
             opened.callback(_remove_if_empty, options.out)
         pairs = zip(options.files, bags, strict=True)
         imported = [_convert(path, bag, mapping, signals, options, opened) for path, bag in pairs]
-    for one in imported:
-        print(f"{one.bag}: {one.samples} samples of {', '.join(one.written)} at {one.rate_Hz:.1f} Hz")
+    for log in imported:
+        print(f"{log.bag}: {log.samples} samples of {', '.join(log.written)} at {log.rate_Hz:.1f} Hz")
     return imported
 
 
@@ -183,9 +183,9 @@ def _convert(
             checks.add(block)
             bar.rows = checks.samples
             source, channels = block.source, tuple(block.channels)
-        found = checks.finish()
-    if said := [*log.notes, *(proposal.found if proposal else ())]:
-        print(f"{path}: {', '.join(said)}")
+        faults = checks.finish()
+    if remarks := [*log.notes, *(proposal.found if proposal else ())]:
+        print(f"{path}: {', '.join(remarks)}")
     if "speed" in channels:
         use = "a model uses it if told to (--speed measured), and then needs it on the vehicle"
         print(f"{path}: {f'{compared}; {use}' if 'speed' in block.optional else INTEGRATED}")
@@ -194,13 +194,13 @@ def _convert(
         print(f"{path}: checked for faults; for signs, units and delays in {parts}")
     for remark in proposal.remarks if proposal else ():
         terminal.print_warning(f"{path}: {remark}; taken as logged")
-    for finding in found:  # the remedy is in the mapping; a delay stays in the signals file, which later programs read
+    for finding in faults:  # the remedy is in the mapping; a delay stays in the signals file that later programs read
         corrected = finding.text.replace("the signals file", str(options.mapping or "a mapping (--propose writes one)"))
         terminal.print_warning(f"{source}: {finding.text if isinstance(finding, DelayFinding) else corrected}")
     written = tuple(name for name in channels if isinstance(signals.by_name.get(name), Signal))
     for name in set(channels) - set(written):
         terminal.print_warning(f"{source}: {name} is left out; give it a topic in the signals file")
-    return _ImportedLog(bag, source, checks.samples, checks.rate_Hz, channels, written, found)
+    return _ImportedLog(bag, source, checks.samples, checks.rate_Hz, channels, written, faults)
 
 
 SHARE = 0.1  # of a block of a long log but the first, in which signs, units and delays are checked; faults in all of it
@@ -255,10 +255,10 @@ class BlockChecks:
     def _check(self, block: Recording, last: bool = False) -> None:
         if self.blocks or not last:  # a slow channel may have no sample in it
             block = replace(block, channels={name: c for name, c in block.channels.items() if len(c)})
-        found, first = list(findings(block)), self.blocks == 0
-        if first or "position" in block.channels:
-            found += check_recording(block if first else block.part(0.0, SHARE))
+        faults, is_first = list(findings(block)), self.blocks == 0
+        if is_first or "position" in block.channels:
+            faults += check_recording(block if is_first else block.part(0.0, SHARE))
         stamps = [int(c.stamps_ns[at]) for c in block.channels.values() if len(c) for at in (0, -1)]
         ends = [(f(stamps, default=0) - min(self._ends_ns, default=0)) / SECOND for f in (min, max)]
-        self._found += [(finding, f"from {ends[0]:.3f} s to {ends[1]:.3f} s") for finding in found]
+        self._found += [(finding, f"from {ends[0]:.3f} s to {ends[1]:.3f} s") for finding in faults]
         self.blocks += 1

@@ -120,17 +120,18 @@ def _format_value(value: float) -> str:
 def _as_json(reports: list[BagReport], covered: Coverage) -> dict[str, Any]:
     recordings = [
         {
-            "name": one.recording.name,
-            "source": one.recording.source,
-            "sha256": one.recording.sha256,
-            "topics": one.topics,
+            "name": report.recording.name,
+            "source": report.recording.source,
+            "sha256": report.recording.sha256,
+            "topics": report.topics,
             "channels": {
-                name: {"unit": one.recording.channel(name).unit, **asdict(stats)} for name, stats in one.stats.items()
+                name: {"unit": report.recording.channel(name).unit, **asdict(stats)}
+                for name, stats in report.stats.items()
             },
-            "constants": one.recording.constants,
-            "findings": one.findings,
+            "constants": report.recording.constants,
+            "findings": report.findings,
         }
-        for one in reports
+        for report in reports
     ]
     edges = {"speed_edges_m_s": covered.speed_edges, "current_edges_A": covered.current_edges}
     return {"recordings": recordings, "coverage": {**edges, "share": covered.share, "duration_s": covered.duration_s}}

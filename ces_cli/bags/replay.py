@@ -105,7 +105,7 @@ def estimate_forces(model: Model, recording: Recording) -> Replayed:
             rows.append(_row(stamp, estimator.position, estimator.speed, force, estimator.half_width()))
         elif estimator.reason != OK:
             reasons[estimator.reason] += 1
-        rows += [_row(*one) for one in estimator.late]
+        rows += [_row(*late) for late in estimator.late]
     return Replayed(np.array(rows, object).reshape(-1, 6), reasons)
 
 

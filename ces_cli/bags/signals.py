@@ -32,8 +32,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.out:
         write_atomically(options.out, text)
     if options.json:
-        found = proposal.selection
-        facts = {"dampers": list(found.names), "signals": proposal_rows(found), "checks": list(found.checks)}
+        chosen = proposal.selection
+        facts = {"dampers": list(chosen.names), "signals": proposal_rows(chosen), "checks": list(chosen.checks)}
         print_document("signals", {**facts, "not_examined": proposal.skipped})
     elif options.out is None:
         print(text, end="")
@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     if options.out:
         example = f"{options.out}#{proposal.selection.names[0]}" if proposal.selection.names else f"{options.out}"
-        missing = " and ".join(dict.fromkeys(found.signal for found in proposal.selection.missing))
+        missing = " and ".join(dict.fromkeys(choice.signal for choice in proposal.selection.missing))
         by_hand = f"complete {example} by hand: nothing was found for {missing} (its comments say why)"
         terminal.print_line(f"signals: {options.out}", console=terminal.err)
         step = by_hand if missing else f"ces info {paths[0]} --signals '{example}'"

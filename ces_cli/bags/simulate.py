@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if run is not None and (text := describe_held(recording.name, *run.held_at(known))):
         terminal.print_warning(text)
     values = zip(((stamps - stamps[0]) * 1e-9).tolist(), force.tolist(), strict=True)
-    write_atomically(options.out, "time_s,force_N\n" + "".join(f"{time:.9f},{one!r}\n" for time, one in values))
+    write_atomically(options.out, "time_s,force_N\n" + "".join(f"{time:.9f},{newtons!r}\n" for time, newtons in values))
     if options.json:
         facts = {"recording": recording.name, "simulation": options.sim, "csv": options.out, "rows": len(force)}
         facts |= {"rows_without_force": int((~known).sum()), "rows_held": run and int(run.held_at(known)[2].sum())}

@@ -139,8 +139,10 @@ def overview(kind: str = "") -> str:
         abort(404, f"no kind '{kind}'")
     listing, query = _listing(), request.args.get("q", "")[:MAX_QUERY]
     candidates = listing.of_kind(kind) if kind else listing.items if query else listing.outermost()
-    texts = ((one, f"{one.kind} {one.path} {one.problem} {list(one.facts.values())}".lower()) for one in candidates)
-    found = [one for one, text in texts if all(word in text for word in query.lower().split())]
+    texts = (
+        (item, f"{item.kind} {item.path} {item.problem} {list(item.facts.values())}".lower()) for item in candidates
+    )
+    shown = [item for item, text in texts if all(word in text for word in query.lower().split())]
     return _render(
         "list.html",
         title=KINDS[kind][0],
@@ -148,9 +150,9 @@ def overview(kind: str = "") -> str:
         query=query,
         listing=listing,
         total=len(candidates),
-        found=len(found),
-        items=found[:MAX_ROWS],
-        facts=[list_facts(kind, one) for one in found[:MAX_ROWS]],
+        found=len(shown),
+        items=shown[:MAX_ROWS],
+        facts=[list_facts(kind, item) for item in shown[:MAX_ROWS]],
         follows=not listing.items and not query,  # an empty list is filled soon
     )
 
@@ -158,25 +160,25 @@ def overview(kind: str = "") -> str:
 @pages.get("/view/<kind>/<path:path>")
 def show(kind: str, path: str) -> str:
     """Return the page of a thing; a file that has become unreadable says why."""
-    one = _listing().find(kind, path)
-    if one is None:
+    item = _listing().find(kind, path)
+    if item is None:
         abort(404, f"{path}: no such {KINDS[kind][1] if kind in KINDS else 'thing'} in this folder")
-    content, follows = contents.PageContent(headline=one.problem), False
+    content, follows = contents.PageContent(headline=item.problem), False
     try:
         if kind == RECORDING:
-            state = _ask_for(bags=[one])
+            state = _ask_for(bags=[item])
             follows = state.result is None and not state.problem
             content = contents.PageContent(
                 "reading the bag …" if follows else "", [state.problem][: bool(state.problem)]
             )
             content = content if state.result is None else contents.PageContent(**json.loads(state.result))
         elif kind != UNREADABLE:
-            content = contents.content_of(_site().folder, _listing(), one)
+            content = contents.content_of(_site().folder, _listing(), item)
     except (CesError, OSError, *WRONG_CONTENT) as error:
         if isinstance(error, WRONG_CONTENT):  # perhaps an error of the program
             current_app.logger.warning("%s", request.path, exc_info=error)
         content = contents.PageContent(warnings=[f"cannot be read now: {error}"])
-    return _render("detail.html", title=one.name, kind=kind, one=one, content=content, follows=follows)
+    return _render("detail.html", title=item.name, kind=kind, item=item, content=content, follows=follows)
 
 
 @pages.get("/compare")
@@ -191,8 +193,8 @@ def compare() -> str:
         title="Compare models",
         kind=MODEL,
         models=models,
-        others=[one for one in listing.of_kind(MODEL) if one not in models],
-        recordings=sorted(recordings, key=lambda one: one.path not in suggested),
+        others=[item for item in listing.of_kind(MODEL) if item not in models],
+        recordings=sorted(recordings, key=lambda item: item.path not in suggested),
         suggested=suggested,
     )
 
@@ -213,10 +215,10 @@ def compare_result() -> Response | str:
         if state.result is not None:
             return Response(state.result, mimetype="text/html", headers={POLICY: FILE_POLICY})
         problem = state.problem
-    back = url_for("pages.compare", model=[one.path for one in models])
+    back = url_for("pages.compare", model=[item.path for item in models])
     content = contents.PageContent(warnings=[problem] if problem else [], links=[("Choose again", back)])
     if not problem:
-        content.headline = " on ".join(", ".join(one.path for one in chosen) for chosen in (models, bags))
+        content.headline = " on ".join(", ".join(item.path for item in chosen) for chosen in (models, bags))
     return _render("search.html", title="Comparing", kind=MODEL, content=content, follows=not problem)
 
 
@@ -224,16 +226,16 @@ def compare_result() -> Response | str:
 def send(path: str) -> Response:
     """Return a file that the lists or pages show, with the type it may have; raises 404 for any other."""
     try:
-        found = _site().folder.find_file(path)
+        file = _site().folder.find_file(path)
     except NotServedError as error:
         abort(404, str(error))
     items, kind = _listing().items, None
-    is_beside = any(one.folder == path.rpartition("/")[0] and one.path != path for one in items)
-    if any(one.path == path for one in items) or (is_beside and found.name in contents.OF_FOLDER):
-        kind = "text/html; charset=utf-8" if _listing().find(REPORT, path) else TYPES.get(found.suffix.lower())
+    is_beside = any(item.folder == path.rpartition("/")[0] and item.path != path for item in items)
+    if any(item.path == path for item in items) or (is_beside and file.name in contents.OF_FOLDER):
+        kind = "text/html; charset=utf-8" if _listing().find(REPORT, path) else TYPES.get(file.suffix.lower())
     if kind is None:
         abort(404, f"{path}: not a file that is shown")
-    response = send_file(found, mimetype=kind, conditional=False, etag=False, max_age=None)
+    response = send_file(file, mimetype=kind, conditional=False, etag=False, max_age=None)
     response.headers[POLICY] = FILE_POLICY
     return response
 
@@ -251,7 +253,7 @@ def asset(name: str) -> Response:
 def _chosen(kind: str, name: str) -> list[Item]:
     """Return the things that the address names, each once and only those that the folder has."""
     paths = dict.fromkeys(request.args.getlist(name)[: 10 * MAX_RECORDINGS])
-    return [one for path in paths if (one := _listing().find(kind, path)) is not None]
+    return [item for path in paths if (item := _listing().find(kind, path)) is not None]
 
 
 def _ask_for(**things: list[Item]) -> WorkState:
@@ -259,7 +261,7 @@ def _ask_for(**things: list[Item]) -> WorkState:
     task: dict[str, Any] = {}
     stamps: list[tuple[str, int, int]] = []
     for name, chosen in things.items():
-        paths = [_site().folder.find(one.path) for one in chosen]
+        paths = [_site().folder.find(item.path) for item in chosen]
         task[name] = [str(path) for path in paths]
         files = [file for path in paths for file in ([path, *sorted(path.iterdir())] if path.is_dir() else [path])]
         stamps += [(str(file), (state := file.stat()).st_mtime_ns, state.st_size) for file in files]

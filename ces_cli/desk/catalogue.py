@@ -75,22 +75,22 @@ class Listing:
 
     def of_kind(self, kind: str) -> tuple[Item, ...]:
         """Return the things of one kind."""
-        return tuple(one for one in self.items if one.kind == kind)
+        return tuple(item for item in self.items if item.kind == kind)
 
     def outermost(self) -> tuple[Item, ...]:
         """Return the things that are not part of a result, such as the models of a campaign are."""
-        owners = {one.folder for one in self.items if one.kind == RESULT and one.folder}
+        owners = {item.folder for item in self.items if item.kind == RESULT and item.folder}
 
-        def is_part(one: Item) -> bool:
+        def is_part(item: Item) -> bool:
             """Return whether a thing is in the folder of a result, or below it; results in one folder are not."""
-            parts = (one.folder.rpartition("/")[0] if one.kind == RESULT else one.folder).split("/")
+            parts = (item.folder.rpartition("/")[0] if item.kind == RESULT else item.folder).split("/")
             return any("/".join(parts[:k]) in owners for k in range(1, len(parts) + 1))
 
-        return tuple(one for one in self.items if not is_part(one))
+        return tuple(item for item in self.items if not is_part(item))
 
     def find(self, kind: str, path: str) -> Item | None:
         """Return the thing of a kind at a path, None if there is none."""
-        return next((one for one in self.items if (one.kind, one.path) == (kind, path)), None)
+        return next((item for item in self.items if (item.kind, item.path) == (kind, path)), None)
 
 
 # By path: the stamp of the main file, and the thing.
@@ -114,7 +114,7 @@ class Catalogue:
                 began_s = time.monotonic()
                 walk = _Walk(self.folder, self._known)
                 walk.enter(self.folder.root)
-                items = tuple(sorted(walk.items, key=lambda one: (-one.modified_s, one.path)))
+                items = tuple(sorted(walk.items, key=lambda item: (-item.modified_s, item.path)))
                 self._known, made_s = walk.known, time.monotonic()
                 self._listing = Listing(items, walk.cut, made_s, walk.problem)
                 self._fresh_s = max(FRESH_S, WALKS * (made_s - began_s))
@@ -133,8 +133,8 @@ class _Walk:
     def enter(self, folder: Path, depth: int = 0) -> None:
         """List a folder and those below it; links to folders are not followed, nor what is too deep."""
         try:
-            with os.scandir(folder) as found:
-                entries = sorted(found, key=lambda entry: entry.name)
+            with os.scandir(folder) as scanned:
+                entries = sorted(scanned, key=lambda entry: entry.name)
         except OSError as error:
             if folder == self.folder.root:
                 self.problem = f"the folder cannot be read now: {error.strerror or error}"
@@ -180,9 +180,9 @@ class _Walk:
         with suppress(OSError):
             status = main.stat()
             stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
-            known = self.before.get(str(path))
-            if known is None or known[0] != stamp:
-                known = stamp, read_item(read, path, self.folder.relative(path), status.st_mtime)
-            self.known[str(path)] = known
-            if known[1] is not None:
-                self.items.append(known[1])
+            remembered = self.before.get(str(path))
+            if remembered is None or remembered[0] != stamp:
+                remembered = stamp, read_item(read, path, self.folder.relative(path), status.st_mtime)
+            self.known[str(path)] = remembered
+            if remembered[1] is not None:
+                self.items.append(remembered[1])

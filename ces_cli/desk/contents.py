@@ -45,56 +45,56 @@ class PageContent:
     tables: list[PageTable] = field(default_factory=list)
 
 
-def item_url(one: Item) -> str:
+def item_url(item: Item) -> str:
     """Return the address of a thing: a report as it is, the page about anything else."""
-    if one.kind == REPORT:
-        return url_for("pages.send", path=one.path)
-    return url_for("pages.show", kind=one.kind, path=one.path)
+    if item.kind == REPORT:
+        return url_for("pages.send", path=item.path)
+    return url_for("pages.show", kind=item.kind, path=item.path)
 
 
-def content_of(folder: ServedFolder, listing: Listing, one: Item) -> PageContent:
+def content_of(folder: ServedFolder, listing: Listing, item: Item) -> PageContent:
     """Return the page of a model or result: its facts, and links to what belongs to it.
 
     Raises CesError, OSError or one of WRONG_CONTENT if the file has changed to something else.
     """
-    content = PageContent(one.summary)
-    path = folder.find_file(one.path)
-    if one.kind == MODEL:
-        content = _model_content(load_model(path), one)
-    inside = f"{one.folder}/" if one.kind == RESULT and one.folder else "\0"
+    content = PageContent(item.summary)
+    path = folder.find_file(item.path)
+    if item.kind == MODEL:
+        content = _model_content(load_model(path), item)
+    inside = f"{item.folder}/" if item.kind == RESULT and item.folder else "\0"
     beside = [
         other
         for other in listing.items
-        if other is not one and not other.problem and (other.folder == one.folder or other.path.startswith(inside))
+        if other is not item and not other.problem and (other.folder == item.folder or other.path.startswith(inside))
     ]
     beside.sort(key=lambda other: other.kind != REPORT)
-    files = [name for name in OF_FOLDER if one.kind == RESULT and (path.parent / name).is_file()]
+    files = [name for name in OF_FOLDER if item.kind == RESULT and (path.parent / name).is_file()]
     content.links = [(other.label, item_url(other)) for other in beside[:MAX_BESIDE]]
-    content.links += [(name, url_for("pages.send", path=f"{one.folder}/{name}".lstrip("/"))) for name in files]
-    content.links.append((path.name, url_for("pages.send", path=one.path)))
+    content.links += [(name, url_for("pages.send", path=f"{item.folder}/{name}".lstrip("/"))) for name in files]
+    content.links.append((path.name, url_for("pages.send", path=item.path)))
     return content
 
 
 def suggest_recordings(models: Sequence[Item], recordings: Sequence[Item], most: int) -> set[str]:
     """Return the recordings on which all models were validated, else one that no model was identified on."""
-    validated = [set(one.facts["validation"]) for one in models]
+    validated = [set(item.facts["validation"]) for item in models]
     common = set.intersection(*validated) if validated else set()
-    found = [one.path for one in recordings if one.name in common]
-    if not found:
-        used = {name for one in models for name in one.facts["recordings"]}
-        found = [one.path for one in recordings if one.name not in used][:1]
-    return set(found[:most])
+    suggested = [item.path for item in recordings if item.name in common]
+    if not suggested:
+        used = {name for item in models for name in item.facts["recordings"]}
+        suggested = [item.path for item in recordings if item.name not in used][:1]
+    return set(suggested[:most])
 
 
-def _model_content(model: Model, one: Item) -> PageContent:
+def _model_content(model: Model, item: Item) -> PageContent:
     """Return what a model file says, checked as the observer checks it."""
     e = model.envelope
     named = (("position", e.position_m, "m"), ("speed", e.speed_m_s, "m/s"), ("current", e.current_A, "A"))
-    facts = [(heading, text) for heading, text, _ in list_facts(MODEL, one)]
+    facts = [(heading, text) for heading, text, _ in list_facts(MODEL, item)]
     facts += [
         ("rate", format_number(model.sampling.rate_Hz, "g", "Hz")),
         ("force known", delay_text(model.sampling.delay_s)),
-        ("validated on", ", ".join(one.facts["validation"]) or "–"),
+        ("validated on", ", ".join(item.facts["validation"]) or "–"),
         ("written by", str(model.provenance.get("tool", "–"))),
         *((f"identified for {name}s", f"{low:.4g} to {high:.4g} {unit}") for name, (low, high), unit in named),
         ("estimates are held within", "{:.4g} to {:.4g} N".format(*model.force_envelope_N)),
@@ -104,6 +104,6 @@ def _model_content(model: Model, one: Item) -> PageContent:
     rows = [(str(c["recording"]), str(c["role"]), format_number(c["J"], ".2f")) for c in costs]
     headings = ("recording", "role", "J %")
     tables = [PageTable(caption="Cost of a free run", headings=headings, rows=rows)] if rows else []
-    proof = str(one.facts["certificate"])
-    headline = f"{one.facts['structure']}, {model.size}. {proof[:1].upper()}{proof[1:]}."
+    proof = str(item.facts["certificate"])
+    headline = f"{item.facts['structure']}, {model.size}. {proof[:1].upper()}{proof[1:]}."
     return PageContent(headline, facts=facts, tables=tables)

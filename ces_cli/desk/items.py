@@ -100,14 +100,14 @@ class Item:
             return "–"
 
 
-def list_facts(kind: str, one: Item) -> list[tuple[str, str, bool]]:
+def list_facts(kind: str, item: Item) -> list[tuple[str, str, bool]]:
     """Return heading, text, and whether it is a number, of a thing's facts in the list of a kind (empty: of all)."""
-    facts = {"what": KINDS[one.kind][1], **one.facts, "summary": one.summary}
+    facts = {"what": KINDS[item.kind][1], **item.facts, "summary": item.summary}
     out = []
     for key, heading, *form in (column.strip().split(",") for column in KINDS[kind][3].split(";")):
-        found = facts.get(key)
-        text = "–" if found is None else ", ".join(map(str, found)) if isinstance(found, list) else str(found)
-        out.append((heading, format_number(found, form[0]) if form else text, bool(form)))
+        value = facts.get(key)
+        text = "–" if value is None else ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+        out.append((heading, format_number(value, form[0]) if form else text, bool(form)))
     return out
 
 
@@ -133,8 +133,8 @@ def find_reader(path: Path) -> ItemReader | None:
 def read_item(read: ItemReader, path: Path, where: str, modified_s: float) -> Item | None:
     """Return the thing that `read` finds in a file, which its list shows at `where`; None for other programs' files."""
     try:
-        found = read(path)
-        return None if found is None else Item(found[0], where, modified_s, found[1])
+        content = read(path)
+        return None if content is None else Item(content[0], where, modified_s, content[1])
     except UnreadableError as error:
         problem = str(error)
     except OSError as error:
@@ -150,13 +150,13 @@ def read_item(read: ItemReader, path: Path, where: str, modified_s: float) -> It
 
 def read_recording(path: Path) -> tuple[str, Facts]:
     """Return kind and facts of a bag without opening it: a rosbag2 folder, or a bag file."""
-    files = [one for one in path.iterdir() if one.is_file()] if path.is_dir() else [path]
-    facts: Facts = {"MB": 1e-6 * sum(one.stat().st_size for one in files)}
+    files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
+    facts: Facts = {"MB": 1e-6 * sum(file.stat().st_size for file in files)}
     if path.is_dir():
         text = _read_head(path / "metadata.yaml", METADATA_BYTES)
         for key, (pattern, scale) in METADATA.items():
-            found = pattern.search(text)
-            facts[key] = scale * int(found[1]) if found else None
+            match = pattern.search(text)
+            facts[key] = scale * int(match[1]) if match else None
     length = format_number(facts.get("seconds"), ".1f", "s")
     facts["summary"] = ", ".join(text for text in (length, f"{facts['MB']:.1f} MB") if text != "–")
     return RECORDING, facts
@@ -165,16 +165,16 @@ def read_recording(path: Path) -> tuple[str, Facts]:
 def _read_page(path: Path) -> tuple[str, Facts] | None:
     head = _read_head(path)
     title = TITLE.search(head)
-    said = unescape(title[1].decode("utf-8", "replace")).strip() if title else path.name
-    return (REPORT, {"summary": said}) if GENERATOR in head else None
+    text = unescape(title[1].decode("utf-8", "replace")).strip() if title else path.name
+    return (REPORT, {"summary": text}) if GENERATOR in head else None
 
 
 def _read_json(path: Path) -> tuple[str, Facts] | None:
     head = _read_head(path)
     schema = SCHEMA.search(head)
     if schema is not None:
-        known = JSON_FACTS.get(schema[1])
-        return None if known is None else known(path)
+        read_facts = JSON_FACTS.get(schema[1])
+        return None if read_facts is None else read_facts(path)
     if path.name in OUR_NAMES or head.lstrip()[:1] not in (b"{", b"["):
         raise UnreadableError("empty" if not head.strip() else "no schema of ces_observer at its beginning")
     return None
@@ -228,17 +228,17 @@ def _campaign_facts(rows: list[Facts]) -> Facts:
 
 def _fleet_facts(rows: list[Facts]) -> Facts:
     verdicts = Counter(str(row["verdict"]).replace("_", " ") for row in rows if row["status"] == DONE)
-    said = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()) or "none diagnosed"
-    return {"what": "fleet", "summary": f"{len(rows)} units: {said}", "units": [str(row["name"]) for row in rows]}
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()) or "none diagnosed"
+    return {"what": "fleet", "summary": f"{len(rows)} units: {counts}", "units": [str(row["name"]) for row in rows]}
 
 
 def _iteration_facts(rows: list[Facts]) -> Facts:
     if not rows:
         return {"what": "iteration", "summary": "no iteration finished yet"}
     fresh = number(rows[-1]["fresh_J"])
-    said = "" if fresh is None else f", J {fresh:.2f} % on the last fresh recording"
+    cost = "" if fresh is None else f", J {fresh:.2f} % on the last fresh recording"
     recorded = f"{len(rows)} iterations, {float(rows[-1]['total_s']):.0f} s recorded"
-    return {"what": "iteration", "summary": recorded + said, "cost_J": fresh}
+    return {"what": "iteration", "summary": recorded + cost, "cost_J": fresh}
 
 
 JSON_FACTS: dict[bytes, Callable[[Path], tuple[str, Facts]]] = {

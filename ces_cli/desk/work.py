@@ -35,8 +35,8 @@ from ces_data.findings import Finding, require_usable
 from ces_data.recording import Recording
 from ces_data.samples import channel_stats
 from ces_data.signals_file import load_signals
-from ces_identify.comparison.compared_models import make_compared_model, name_sources
-from ces_identify.comparison.comparison import compare
+from ces_identify.comparison.compared_models import make_compared_model
+from ces_identify.comparison.comparison import compare, name_sources
 from ces_identify.comparison.comparison_report import comparison_page
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_observer.errors import CesError
@@ -163,7 +163,7 @@ def inspect_recording(path: str, signals: str | None) -> PageContent:
         warnings.simplefilter("always")
         recording = read_recording(Path(path), described)
         topics = list_topics(Path(path))
-    found = (*find_all_faults(recording), *(Finding("warning", str(warning.message)) for warning in caught))
+    findings = (*find_all_faults(recording), *(Finding("warning", str(warning.message)) for warning in caught))
     rows = []
     for name, channel in recording.channels.items():
         stats = asdict(channel_stats(channel))
@@ -179,7 +179,7 @@ def inspect_recording(path: str, signals: str | None) -> PageContent:
         tables.append(PageTable(caption="Other topics", headings=("topic", "type", "messages"), rows=cells))
     return PageContent(
         facts=[("sha256", f"{recording.sha256[:16]}…")],
-        warnings=[f"{one.severity}: {one.text}" for one in found],
+        warnings=[f"{finding.severity}: {finding.text}" for finding in findings],
         charts=_draw_signals(recording),
         tables=tables,
     )

@@ -145,8 +145,8 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     if (recalibration := calibration_table(diagnosis)) is not None:
         terminal.print_table(terminal.lay_out(recalibration))
     if diagnosis.probe.findings:
-        found = (f"{one.about.lower()} {one.found}" for one in diagnosis.probe.findings)
-        terminal.print_line(f"inputs of the simulation: {'; '.join(found)} (see the report)")
+        probed = (f"{one.about.lower()} {one.found}" for one in diagnosis.probe.findings)
+        terminal.print_line(f"inputs of the simulation: {'; '.join(probed)} (see the report)")
     if diagnosis.verdict != NO_GAP:
         _print_lines(_where_lines("where", diagnosis.where))
     if diagnosis.rest is not None:

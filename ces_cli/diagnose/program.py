@@ -63,8 +63,8 @@ OPTIONS = (
     HELD_OUT,
     replace(
         FIT,
-        meaning=f"{FIT.meaning}; {NONE}: all keep their values. Not with --reference, which teaches what is off",
-        none="all that a function or FMU declares compete with the effects",
+        meaning=f"{FIT.meaning}; {NONE}: all keep their values. With --reference, those that may have changed since",
+        none="all that the simulation declares compete with the effects; with --reference none",
     ),
     replace(
         HELD_OUT,
@@ -97,7 +97,6 @@ RULES = (
         "does not apply with --identify, which takes a model of the references as simulation; remove one",
     ),
     only_with("jobs", "each", "applies to fleets; add --each recording or --each vehicle"),
-    never_with("fit", "reference", "does not apply with --reference: what is off on references is corrected"),
     never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
     never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
 )
@@ -186,7 +185,7 @@ def _plan_jobs(
         with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
             try:
                 recordings = _read(request.simulation, unit, signals)
-                seen += [unit.name] if any(is_seen(one, request.simulation) for one in recordings) else []
+                seen += [unit.name] if any(is_seen(recording, request.simulation) for recording in recordings) else []
                 job = job_of(unit.name, recordings, request, described, folder)
                 if job.key in jobs:
                     raise CesError(f"the same recordings as {jobs[job.key][0].name}")

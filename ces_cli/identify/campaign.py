@@ -15,10 +15,11 @@ from ces_cli.terminal.outputs import print_document, require_folder, without_tex
 from ces_cli.terminal.progress import JobsProgress, report_failures, run_jobs
 from ces_data.checks.check import check_each, require_sound
 from ces_data.signals_file import load_signals
-from ces_identify.campaign.cell import compute_cell
+from ces_identify.campaign.cells import CampaignRows, CellNames, compute_cell, is_proved
 from ces_identify.campaign.plan import Campaign, CampaignJob, jobs, load_campaign
-from ces_identify.campaign.rows import COST_TOLERANCE, IDENTIFICATION, CampaignRows, is_proved
 from ces_identify.jobs import DONE, ResultsFolder, Row, Task, open_results
+from ces_identify.limits import ChoiceLimits
+from ces_identify.validation.evaluate import IDENTIFICATION
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_report.table import Column, Table
@@ -52,10 +53,10 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     signals = load_signals(campaign.signals)
     read = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
     recordings = with_distinct_names(read)
-    found = check_each(list(recordings.values()))
-    require_sound(found, options.ignore_findings)
-    print_warnings(found)
-    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), found, options.ignore_findings)
+    findings = check_each(list(recordings.values()))
+    require_sound(findings, options.ignore_findings)
+    print_warnings(findings)
+    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), findings, options.ignore_findings)
     with open_results(folder / RESULTS, "a campaign") as results:
         missing = [job for job in todo if not results.has(job)]
         finished = True
@@ -90,19 +91,20 @@ def describe_cell(rows: CampaignRows, row: Row) -> str:
 
 def collect_rows(campaign: Campaign, todo: Sequence[CampaignJob], results: ResultsFolder) -> CampaignRows:
     """Return the results of the planned cells so far, by set of bags, size and cost."""
-    found, bags = results.rows, list(campaign.bags)
-    rows = [{**found[job.key], "bags": job.cell.bags, **job.cell.settings} for job in todo if job.key in found]
+    by_key, bags = results.rows, list(campaign.bags)
+    rows = [{**by_key[job.key], "bags": job.cell.bags, **job.cell.settings} for job in todo if job.key in by_key]
     rows.sort(key=lambda r: (bags.index(r["bags"]), r.get("parameters", 1e9), r.get("selection_J") or 1e9))
-    return CampaignRows(tuple(rows), len(todo), campaign.names)
+    return CampaignRows(tuple(rows), len(todo), CellNames.of(campaign))
 
 
 def _print_results(results: CampaignRows, planned: Mapping[str, int], folder: Path) -> None:
     marks = marks_of(results)
     for table in result_tables(results, planned, MAX_ROWS_SHOWN):
         terminal.print_table(terminal.lay_out(table, lambda row: "bold" * (marks.get(row["key"]) == BEST)))
+    each = ", for each delay" if "delay" in results.names.varied else ""
     terminal.print_line(
         f"{FRONT} on the front of selection cost against size, {BEST} recommended: the smallest model on the front "
-        f"within {COST_TOLERANCE:.0%} of the lowest cost" + ", for each delay" * ("delay" in results.names.varied)
+        f"within {ChoiceLimits.COST_TOLERANCE:.0%} of the lowest cost{each}"
     )
     terminal.print_line(SELECTION_NOTE)
     for name, best in results.recommended().items():

@@ -9,16 +9,7 @@ from pathlib import Path
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, OptionRule
 from ces_cli.terminal.outputs import print_document, require_outputs, without_text
-from ces_identify.export.export_model import (
-    CORE,
-    binary_path,
-    export_c,
-    export_fmu,
-    find_compiler,
-    identifier,
-    require_usable_names,
-    write_flat,
-)
+from ces_identify.export import export_model
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model, load_model
@@ -95,32 +86,34 @@ def make_parser() -> terminal.Parser:
 
 def _names_beside(out: Path) -> tuple[str, ...]:
     """Return the names of the files that are written beside FILE.c."""
-    return out.with_suffix(".h").name, *CORE
+    return out.with_suffix(".h").name, *export_model.CORE
 
 
 def _is_shared(path: Path) -> bool:
-    return path.name in CORE and path.is_file() and PRINTED in path.read_bytes()
+    return path.name in export_model.CORE and path.is_file() and PRINTED in path.read_bytes()
 
 
 def _export(options: argparse.Namespace, kind: str) -> Certificate:
     """Write the file that the options name, and those beside it; return the certificate of the model."""
     model, out = load_model(options.model), options.out
-    name = options.name or identifier(out.stem)
-    require_usable_names(name, out.stem if kind == "c" else name)
-    compiler = find_compiler() if kind == "fmu" and not options.sources_only else []
+    name = options.name or export_model.identifier(out.stem)
+    export_model.require_usable_names(name, out.stem if kind == "c" else name)
+    compiler = export_model.find_compiler() if kind == "fmu" and not options.sources_only else []
     certificate = _certificate(model, options)
     files: Mapping[str, str | bytes]
     if kind == "ces":
-        files = {out.name: write_flat(model, name, certificate)}
+        files = {out.name: export_model.write_flat(model, name, certificate)}
         print(f"{out}: flat file {name}, {model.size}, {len(files[out.name]) / 1e3:.0f} kB")
     elif kind == "c":
-        files = export_c(model, name, out.stem, certificate)
+        files = export_model.export_c(model, name, out.stem, certificate)
         beside = ", ".join(_names_beside(out))
         print(f"{out}, {beside}: {name}_step and {name}_tick, {model.size}")
     else:
         with terminal.err.status("compiling"):
-            files = {out.name: export_fmu(model, name, certificate, compiler)}
-        what = binary_path(name) if compiler else "sources only; sources/BUILD.txt says how to compile them"
+            files = {out.name: export_model.export_fmu(model, name, certificate, compiler)}
+        what = (
+            export_model.binary_path(name) if compiler else "sources only; sources/BUILD.txt says how to compile them"
+        )
         print(f"{out}: FMI 2.0 co-simulation {name}, {model.size}, {what}")
     write_all_atomically({out.with_name(file): content for file, content in files.items()})
     return certificate

@@ -24,13 +24,7 @@ from ces_cli.terminal.inputs import (
     with_distinct_names,
     with_teacher_force,
 )
-from ces_cli.terminal.options import (
-    ALL,
-    BAGS,
-    BAGS_FORM,
-    OptionRule,
-    never_with,
-)
+from ces_cli.terminal.options import ALL, BAGS, BAGS_FORM, OptionRule, never_with
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.results import (
@@ -52,14 +46,12 @@ from ces_identify.identification import (
     THINNED,
     CrossValidation,
     IdentificationResult,
-    count_starts,
     cross_validate,
     identify,
     split_folds,
 )
 from ces_identify.numerics.search import Limits
 from ces_identify.options import build_identify_options
-from ces_identify.polynomial.candidates import CandidateRules
 from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.rules_file import built_in_rules, load_rules
 from ces_identify.prepare.cost import Weighting, parse_weighting
@@ -154,23 +146,19 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     outputs = {"--out": options.out, "--report": options.report}
     inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
     require_outputs(options.overwrite, outputs, inputs=inputs)
-    values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
+    rules = reduce(add_blend, options.blend, load_rules(options.candidates, options.method))
+    values = {**vars(options), "candidates": rules, "weight": parse_weighting(options.weight)}
     measured, (bags, validation) = _read_recordings(paths, options)
     require_distinct(bags, validation)
-    found = check_together([*bags, *validation])
-    require_sound(found, options.ignore_findings)
-    print_warnings(found)
-    how = build_identify_options(
-        {
-            **values,
-            "threads": options.threads or os.cpu_count() or 1,
-        }
-    )
+    findings = check_together([*bags, *validation])
+    require_sound(findings, options.ignore_findings)
+    print_warnings(findings)
+    how = build_identify_options({**values, "threads": options.threads or os.cpu_count() or 1})
     if motion := describe_motion([*bags, *validation], choose_motion(bags, how.speed)):
         terminal.print_line(motion, console=terminal.err)
     left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
     how = replace(how, limits=replace(how.limits, time=SEARCH_SHARE * left_s))
-    return Identification(options, bags, validation, measured, how, found)
+    return Identification(options, bags, validation, measured, how, findings)
 
 
 def _read_recordings(
@@ -183,13 +171,8 @@ def _read_recordings(
     learned = measured
     if options.teacher is not None:
         teacher = open_simulation(options.teacher)
-        learned = {path: with_teacher_force(teacher, path, one, signals) for path, one in measured.items()}
+        learned = {path: with_teacher_force(teacher, path, recording, signals) for path, recording in measured.items()}
     return tuple(measured.values()), [[learned[path] for path in group] for group in groups]
-
-
-def candidate_rules(options: argparse.Namespace) -> CandidateRules:
-    """Return the candidate rules that the options describe; raises CesError naming the option or file at fault."""
-    return reduce(add_blend, options.blend, load_rules(options.candidates, options.method))
 
 
 def select_identify_function(options: argparse.Namespace) -> Callable[..., IdentificationResult]:
@@ -201,8 +184,11 @@ def with_teacher(result: IdentificationResult, teacher: str, measured: Sequence[
     """Return `result` with its teacher in the model's provenance; `measured` are the recordings as logged."""
     file = file_of(teacher)
     rows = [
-        {key: v if isinstance(v, str) else _round_finite(v) for key, v in {**asdict(one), "loss": one.loss}.items()}
-        for one in compare_with_teacher(result.model, result.evaluations, measured)
+        {
+            key: v if isinstance(v, str) else _round_finite(v)
+            for key, v in {**asdict(comparison), "loss": comparison.loss}.items()
+        }
+        for comparison in compare_with_teacher(result.model, result.evaluations, measured)
     ]
     sha256 = None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
     return _with_history(result, "teacher", {"simulation": teacher, "sha256": sha256, "cost_J_percent": rows})
@@ -261,7 +247,7 @@ def describe_starts(result: IdentificationResult, options: argparse.Namespace) -
     if "kind_reason" in selection:
         return str(selection["kind_reason"])
     seed = result.search_results[0].seed
-    count = count_starts(result.search_results)
+    count = result.starts
     return f"best: start {seed - options.seed + 1} of {options.starts} (seed {seed}); {count} led to a model"
 
 
@@ -343,7 +329,7 @@ def _as_json(
         "weights": str(weighting) if weighting else None,
         "recordings": cost_rows(result.evaluations, weighting),
         "all_held_out": held_out_row(result.evaluations),
-        "search": {"starts": count_starts(result.search_results), "best_seed": best.seed, "stopped": best.ended},
+        "search": {"starts": result.starts, "best_seed": best.seed, "stopped": best.ended},
         "structures": model.provenance["selection"].get("structures", {}),
         "folds": None if folds is None else fold_rows(folds),
         "teacher": teacher,

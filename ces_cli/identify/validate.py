@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with without_text(options.json):
         proof = model.certify() if options.certificate else None
         status = 0 if proof is None else print_proof(model, proof, str(options.model))
-        evaluations, found = ([], []) if status else _evaluate_recordings(model, paths, options)
+        evaluations, findings = ([], []) if status else _evaluate_recordings(model, paths, options)
         if evaluations:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
             title = f"{options.model}: {describe_size(model)}"
@@ -62,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)
             print(f"report: {options.report}")
     if options.json:
-        print_document("validate", {**_as_json(model, proof, evaluations, weighting, options), "findings": found})
+        print_document("validate", {**_as_json(model, proof, evaluations, weighting, options), "findings": findings})
     return status
 
 
@@ -75,7 +75,7 @@ def _evaluate_recordings(
         with_distinct_names({path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}).values()
     )
     require_once(recordings)
-    found = [*print_findings(recordings)]
+    findings = [*print_findings(recordings)]
     evaluations: list[Evaluation] = []
     for recording in recordings:
         overlaps = find_known_recording(recording, model.provenance, options.part)
@@ -86,9 +86,9 @@ def _evaluate_recordings(
             )
         series = prepare(recording, model.sampling).part(*options.part)
         evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
-        if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in found)):
-            found += print_against_model(model, recording, evaluations[-1], options.part)
-    return evaluations, found
+        if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in findings)):
+            findings += print_against_model(model, recording, evaluations[-1], options.part)
+    return evaluations, findings
 
 
 def print_against_model(
@@ -96,16 +96,16 @@ def print_against_model(
 ) -> list[Finding]:
     """Print and return what a model shows to be wrong with a recording: the unit of the force, or both signs."""
     scored = evaluation.series.scored
-    found = list(unit_against_model(evaluation.series.force[scored], evaluation.run.force[scored]))
-    if not found and evaluation.cost > 100.0 * MIN_ERROR:
+    findings = list(unit_against_model(evaluation.series.force[scored], evaluation.run.force[scored]))
+    if not findings and evaluation.cost > 100.0 * MIN_ERROR:
         low, high = model.sampling.stroke_m
         sampling = replace(model.sampling, stroke_m=(min(low, -high), max(high, -low)))
         series = prepare(reverse_signs(recording), sampling).part(*part)
         (turned,) = evaluate(model, [series], VALIDATION)
-        found = list(signs_against_model(evaluation.cost, turned.cost))
-    found = [replace(finding, text=f"{recording.name}: {finding.text}") for finding in found]
-    print_warnings(found)
-    return found
+        findings = list(signs_against_model(evaluation.cost, turned.cost))
+    findings = [replace(finding, text=f"{recording.name}: {finding.text}") for finding in findings]
+    print_warnings(findings)
+    return findings
 
 
 def reverse_signs(recording: Recording) -> Recording:

@@ -98,7 +98,8 @@ def _find_bags_inside(path: Path) -> list[Path]:
     """Return the bag that `path` is, or those in and below it; a path that does not exist is returned as it is."""
     if is_bag(path) or not path.is_dir():
         return [path]
-    return [bag for one in sorted(path.iterdir()) if one.is_dir() or is_bag(one) for bag in _find_bags_inside(one)]
+    inside = [entry for entry in sorted(path.iterdir()) if entry.is_dir() or is_bag(entry)]
+    return [bag for entry in inside for bag in _find_bags_inside(entry)]
 
 
 def is_bag(path: Path) -> bool:

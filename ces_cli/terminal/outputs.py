@@ -55,13 +55,13 @@ def require_outputs(
     read = [path.resolve() for path in inputs if path is not None]
     seen: dict[Path, str] = {}
     kinds = {"file": files, "bag": bags, "folder": folders}
-    for kind, option, path in ((kind, *one) for kind, some in kinds.items() for one in (some or {}).items()):
+    for kind, option, path in ((kind, *output) for kind, named in kinds.items() for output in (named or {}).items()):
         if path is None:
             continue
         _require_file(path) if kind == "file" else require_folder(path)
-        first = seen.setdefault(path.resolve(), option)
-        if first != option:
-            raise CesError(f"{path}: is named by {first} and {option}; choose another name for one of them")
+        other = seen.setdefault(path.resolve(), option)
+        if other != option:
+            raise CesError(f"{path}: is named by {other} and {option}; choose another name for one of them")
         if option == "--report" and path.suffix.lower() in NO_PAGES:
             raise CesError(
                 f"{path}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
@@ -101,9 +101,9 @@ def _require_writable(folder: Path, path: Path) -> None:
 
 def _require_no_input(path: Path, option: str, read: Sequence[Path]) -> None:
     """Raise CesError if an output would replace an input, or be a file in a bag that is read."""
-    if any(one.is_relative_to(path.resolve()) for one in read):
+    if any(source.is_relative_to(path.resolve()) for source in read):
         raise CesError(f"{path}: is an input, too; choose another name for {option}")
-    inside = next((one for one in read if path.resolve().is_relative_to(one)), None)
+    inside = next((source for source in read if path.resolve().is_relative_to(source)), None)
     if inside is not None:
         raise CesError(f"{path}: is inside the input {inside.name}; choose another place for {option}")
 
@@ -121,9 +121,9 @@ def without_text(wanted: bool) -> Iterator[None]:
         yield
 
 
-def print_document(program: str, content: Mapping[str, object], version: int = SCHEMA_VERSION) -> None:
+def print_document(program: str, content: Mapping[str, object]) -> None:
     """Print the document `ces-PROGRAM/VERSION` with `content`."""
-    head = {"schema": f"ces-{program}/{version}", "ces_observer": __version__}
+    head = {"schema": f"ces-{program}/{SCHEMA_VERSION}", "ces_observer": __version__}
     document = {**head, **content, **head}  # the head first, whatever `content` has under its keys
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
     as_escapes = not encoding.startswith("utf")  # JSON has its own for characters that the output does not take

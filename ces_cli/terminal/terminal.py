@@ -133,7 +133,8 @@ def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> R
         warnings.simplefilter("always")
         recording = read_recording(path, signals, need)
         findings = require_usable(recording)
-    for text, of_log_time in ((str(one.message), isinstance(one.message, LogTimeWarning)) for one in caught):
+    for warning in caught:
+        text, of_log_time = str(warning.message), isinstance(warning.message, LogTimeWarning)
         if of_log_time and text in _said:
             continue  # most bags share it
         _said.update([text] if of_log_time else [])

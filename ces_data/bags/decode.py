@@ -133,13 +133,13 @@ def describe_layout(raw: bytes, kind: str, paths: Sequence[FieldPath], typestore
     for path in paths:
         try:
             value = path.read(message)
-            found = find_layout(raw, record, path)
+            place = find_layout(raw, record, path)
         except SignalsError as error:
             numbers.append(str(error))
             continue
         except CdrUnsupportedError:
             return None
-        number = NumberField(found.offset, np.dtype(f"<{found.code}"))
+        number = NumberField(place.offset, np.dtype(f"<{place.code}"))
         if not np.array_equal(number.read(buffer, np.zeros(1, np.int64))[0], value, equal_nan=True):
             return None
         numbers.append(number)
@@ -215,13 +215,13 @@ class MessageDecoder:
 
     def _learn(self, length: int, block: Block, rows: Index, values: Floats, present: Mask) -> None:
         """Read the rows by new layouts, or one by one if there is none."""
-        known = self._layouts[length]
-        while len(rows) and len(known) < LAYOUTS_PER_LENGTH and length not in self._one_by_one:
+        layouts = self._layouts[length]
+        while len(rows) and len(layouts) < LAYOUTS_PER_LENGTH and length not in self._one_by_one:
             layout = describe_layout(block.payload(rows[0]), self.kind, self.paths, self.typestore)
             if layout is None:
                 self._one_by_one.add(length)
                 break
-            known.append(layout)
+            layouts.append(layout)
             rows = self._fill(layout, block, rows, values, present)
         for row in rows:
             numbers = self.read_one(block.payload(row))

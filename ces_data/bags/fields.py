@@ -68,11 +68,11 @@ def read_fields(path: Path) -> BagFields:
         samples: dict[str, TopicSamples] = {}
         for name, block in bag.blocks([name for name in topics if name not in skipped]):
             if name not in samples and name not in skipped:
-                found = _make_decoder(bag, topics[name], block)
-                if isinstance(found, str):
-                    skipped[name] = found
+                decoder = _make_decoder(bag, topics[name], block)
+                if isinstance(decoder, str):
+                    skipped[name] = decoder
                 else:
-                    samples[name] = TopicSamples(found)
+                    samples[name] = TopicSamples(decoder)
             if name in samples and samples[name].count < MAX_SAMPLES:
                 samples[name].add(block)
             if len(samples) + len(skipped) == len(topics) and all(s.count >= MAX_SAMPLES for s in samples.values()):
@@ -89,22 +89,22 @@ def read_series(path: Path, fields: Sequence[tuple[str, str]]) -> list[FieldSeri
         for name in {name for name, _ in fields}:
             topic = topics.get(name.lstrip("/"))
             if topic is None:
-                known = ", ".join(f"{topic.name} ({topic.type})" for topic in bag.topics)
-                raise RecordingError(f"{path}: no topic '{name}'; the bag has {known}")
+                present = ", ".join(f"{topic.name} ({topic.type})" for topic in bag.topics)
+                raise RecordingError(f"{path}: no topic '{name}'; the bag has {present}")
             paths = [FieldPath.parse(text) for at, text in fields if at == name]
             where = f"{bag.path}: topic {topic.name}"
             samples[topic.name] = TopicSamples(MessageDecoder(topic.type, paths, bag.typestore(topic), where))
         for name, block in bag.blocks(samples):
             samples[name].add(block)
         series = (s for name, one in samples.items() for s in _list_series(topics[name.lstrip("/")], one))
-        found = {(one.topic, one.field): one for one in series}
+        by_field = {(one.topic, one.field): one for one in series}
         for name, text in fields:
             topic_name = topics[name.lstrip("/")].name
-            if (topic_name, text) not in found:
+            if (topic_name, text) not in by_field:
                 decoder = samples[topic_name].decoder
                 reason = decoder.reasons[[path.text for path in decoder.fields].index(text)]
                 raise SignalsError(f"{path}: topic {name}: {reason or f'field {text!r}: no messages'}")
-        return [found[topics[name.lstrip("/")].name, text] for name, text in fields]
+        return [by_field[topics[name.lstrip("/")].name, text] for name, text in fields]
 
 
 def format_fields(message: object, typename: str, typestore: Typestore) -> str:

@@ -178,8 +178,8 @@ def sort_late_samples(channel: Channel) -> tuple[Channel, LateSamples | None]:
     order = np.argsort(stamps, kind="stable")
     if _comes_twice(stamps, latest, stamps[order]):
         return channel, None
-    found = LateSamples(int((late_ns > 0).sum()), len(stamps), int(late_ns.max()))
-    return replace(channel, stamps_ns=stamps[order], values=channel.values[order]), found
+    lateness = LateSamples(int((late_ns > 0).sum()), len(stamps), int(late_ns.max()))
+    return replace(channel, stamps_ns=stamps[order], values=channel.values[order]), lateness
 
 
 def _comes_twice(stamps: Stamps, latest: Stamps, ordered: Stamps) -> bool:

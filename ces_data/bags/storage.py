@@ -237,13 +237,13 @@ def _require_ros2(file: Path) -> None:
 def list_data_files(path: Path) -> list[Path]:
     """Return the data files of a bag's folder in recorded order; of a file and its compressed copy, the file."""
     files = list(path.iterdir())
-    found = {file.name.removesuffix(PACKED): file for file in files if file.name.endswith(PACKED)}
-    found |= {file.name: file for file in files if file.stat().st_size}
+    by_name = {file.name.removesuffix(PACKED): file for file in files if file.name.endswith(PACKED)}
+    by_name |= {file.name: file for file in files if file.stat().st_size}
 
     def by_number(name: str) -> list[tuple[int, str]]:  # run_10 after run_9
         return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
 
-    return [found[name] for name in sorted(found, key=by_number) if name.endswith(SUFFIXES)]
+    return [by_name[name] for name in sorted(by_name, key=by_number) if name.endswith(SUFFIXES)]
 
 
 @contextmanager

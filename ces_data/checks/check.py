@@ -76,8 +76,8 @@ def check_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
     )
     if len(recordings) < 2:
         return single
-    known = {f.signal for f in single if f.severity == WRONG_MODEL}
-    between = [f for f in find_differences(recordings) if f.signal not in known]
+    wrong = {f.signal for f in single if f.severity == WRONG_MODEL}
+    between = [f for f in find_differences(recordings) if f.signal not in wrong]
     if between or any(f.severity == WRONG_MODEL or isinstance(f, DelayFinding) for f in single):
         return sort_findings(between, single)
     faulty = {f.recording for f in single if f.signal in ("position", "force")}
@@ -91,13 +91,13 @@ def check_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
 
 def check_together(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
     """Return the findings on recordings for one model, and a current that is the same in all; the worst first."""
-    found = check_each(recordings)
+    faults = check_each(recordings)
     currents = [finite_values(r, "current") for r in recordings if "current" in r.channels]
     values = np.concatenate(currents) if currents and len(currents) == len(recordings) else np.empty(0)
     if not len(values) or not is_constant(values) or abs(values.mean()) <= 1e-3:
-        return found
+        return faults
     text = "in all recordings; a model knows no other current: record others, too, or check its topic"
-    return sort_findings(found, [Finding(WARNING, f"current: {values.mean():.3g} A {text}", "current")])
+    return sort_findings(faults, [Finding(WARNING, f"current: {values.mean():.3g} A {text}", "current")])
 
 
 def require_sound(findings: Sequence[Finding], ignore_findings: bool = False) -> tuple[str, ...]:
@@ -125,14 +125,14 @@ def find_traits(recording: Recording) -> Traits:
     """Return the traits of a recording."""
     speed, force = _speed_and_force(recording)
     current = np.abs(finite_values(recording, "current"))
-    known = len(speed) >= MIN_BINS and speed.std() != 0.0 and force.std() != 0.0
+    is_known = len(speed) >= MIN_BINS and speed.std() != 0.0 and force.std() != 0.0
     return Traits(
         name=recording.name,
         stroke_m=2.0 * half_span(finite_values(recording, "position"), np.nan),
         speed_m_s=2.0 * half_span(speed, np.nan),
         current_A=float(np.percentile(current, 99.0)) if len(current) else np.nan,
         force_N=2.0 * half_span(finite_values(recording, "force"), np.nan),
-        damping=float(np.corrcoef(speed, force)[0, 1]) if known else np.nan,
+        damping=float(np.corrcoef(speed, force)[0, 1]) if is_known else np.nan,
     )
 
 
@@ -155,8 +155,8 @@ def require_consistent(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
 def _compare_units(traits: Sequence[Traits]) -> Iterator[Finding]:
     """Yield a finding per trait beyond any damper's limit and far smaller elsewhere; forces at like speeds only."""
     for signal, trait, limit, verb, unit in COMPARED:
-        known = sorted((t for t in traits if getattr(t, trait) > 0.0), key=attrgetter(trait)) or [traits[0]]
-        low, high = known[0], known[-1]
+        ordered = sorted((t for t in traits if getattr(t, trait) > 0.0), key=attrgetter(trait)) or [traits[0]]
+        low, high = ordered[0], ordered[-1]
         smallest, largest = getattr(low, trait), getattr(high, trait)
         alike = signal != "force" or high.speed_m_s < MAX_SPEED_RATIO * low.speed_m_s
         if not alike or not largest > limit or not largest > UNIT_RATIO * smallest:
@@ -179,9 +179,9 @@ def _compare_signs(traits: Sequence[Traits]) -> Iterator[Finding]:
         direction = "with" if some[0].damping > 0.0 else "against"
         return f"goes {direction} speed (correlation {some[0].damping:.2f}) in {names}"
 
-    odd, rest = (against, along) if len(against) <= len(along) else (along, against)
+    odd, others = (against, along) if len(against) <= len(along) else (along, against)
     remedy = "position and force are positive in compression; set scale: -1 in the signals file of the wrong ones"
-    yield Finding(WRONG_MODEL, f"force {describe(odd)}, {describe(rest)}; expected one sign: {remedy}", "force")
+    yield Finding(WRONG_MODEL, f"force {describe(odd)}, {describe(others)}; expected one sign: {remedy}", "force")
 
 
 def _speed_and_force(recording: Recording) -> tuple[F, F]:

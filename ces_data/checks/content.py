@@ -44,10 +44,10 @@ class SharedContent:
         return "the same recording" if self.whole else f"share {self.seconds:.1f} s of one recording"
 
 
-def shared_content(one: Recording, other: Recording) -> SharedContent | None:
+def shared_content(recording: Recording, other: Recording) -> SharedContent | None:
     """Return what two recordings have in common, None if they are different recordings."""
-    both = [name for name in COMPARED if name in one.channels and name in other.channels]
-    pairs = [(one.channels[name], other.channels[name]) for name in both]
+    both = [name for name in COMPARED if name in recording.channels and name in other.channels]
+    pairs = [(recording.channels[name], other.channels[name]) for name in both]
     if not pairs or not all(len(a) and len(b) for a, b in pairs):
         return None
     if all(len(a) == len(b) and np.allclose(a.values, b.values, 0.0, _tolerance(a), True) for a, b in pairs):
@@ -67,19 +67,19 @@ def shared_content(one: Recording, other: Recording) -> SharedContent | None:
 def require_distinct(identification: Sequence[Recording], validation: Sequence[Recording] = ()) -> None:
     """Raise RecordingError if a recording is given twice, or if validation recordings were given for identification."""
     require_once(identification, ", twice for identification")
-    for one in identification:
+    for recording in identification:
         for other in validation:
-            if shared := shared_content(one, other):
+            if shared := shared_content(recording, other):
                 text = f"{shared}, for identification and for validation: that validates nothing"
                 remedy = "give another recording, or leave it out of one of the two"
-                raise RecordingError(f"{_names(one, other)}: {text}; {remedy}")
+                raise RecordingError(f"{_names(recording, other)}: {text}; {remedy}")
 
 
 def require_once(recordings: Sequence[Recording], use: str = "") -> None:
     """Raise RecordingError if two recordings for one use have seconds in common."""
-    for one, other in combinations(recordings, 2):
-        if shared := shared_content(one, other):
-            raise RecordingError(f"{_names(one, other)}: {shared}{use}: its seconds would count twice; give it once")
+    for pair in combinations(recordings, 2):
+        if shared := shared_content(*pair):
+            raise RecordingError(f"{_names(*pair)}: {shared}{use}: its seconds would count twice; give it once")
 
 
 def recording_marks(recording: Recording) -> list[str]:
@@ -107,8 +107,8 @@ def known_share(recording: Recording, marks: Sequence[str]) -> float:
     """Return the share of `marks` that a recording holds: about that of the marked seconds that are part of it."""
     if not marks:
         return 0.0
-    known = np.array([int(mark, 16) for mark in marks], np.uint64)
-    return float(np.isin(known, _all_marks(recording.channels.get("force"))).mean())
+    known_marks = np.array([int(mark, 16) for mark in marks], np.uint64)
+    return float(np.isin(known_marks, _all_marks(recording.channels.get("force"))).mean())
 
 
 def find_known_recording(
@@ -138,8 +138,8 @@ def identification_rows(provenance: Mapping[str, Any]) -> Iterator[Mapping[str, 
     yield from (row for row in rows if isinstance(row, Mapping)) if isinstance(rows, list) else ()
 
 
-def _names(one: Recording, other: Recording) -> str:
-    first, second = ((r.source or r.name) for r in (one, other))
+def _names(recording: Recording, other: Recording) -> str:
+    first, second = ((r.source or r.name) for r in (recording, other))
     return first if first == second else f"{first} and {second}"
 
 

@@ -163,7 +163,7 @@ def _with_alternatives(motion: Motion, estimate: Callable[..., DelayEstimate | N
         return replace(alone, low_s=min(alone.low_s, beside.low_s), high_s=max(alone.high_s, beside.high_s))
     if not beside.likely and beside.error_at_zero < alone.least_error:
         return beside
-    names = [name for name, one in features.items() if (e := estimate(one)) is not None and not e.certain]
+    names = [name for name, rows in features.items() if (e := estimate(rows)) is not None and not e.certain]
     return replace(alone, alternatives=tuple(names or features))
 
 
@@ -298,7 +298,7 @@ def _describe_delay(signal: str, other: str, delay: DelayEstimate, motion: Motio
         unknown = "too much to estimate; compare how both are stamped, set"
         text = f"at least {near:.0f} ms {relation}, {unknown} {key}, and check again"
     if delay.alternatives:
-        others = " or ".join(LOOK_ALIKES[one] for one in delay.alternatives).format(kg=moved_mass(motion))
+        others = " or ".join(LOOK_ALIKES[effect] for effect in delay.alternatives).format(kg=moved_mass(motion))
         text = f"{1e3 * abs(delay.late_s):.0f} ms {relation}, or {others}: these recordings cannot tell; compare how "
         return DelayFinding(WARNING, f"{name}: {text}both are stamped, and set {key} if it is late", name)
     sure = signal != "current" and abs(delay.nearest_s) >= WRONG_DELAY_S  # a slow valve, or a bypass, looks alike

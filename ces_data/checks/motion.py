@@ -164,13 +164,13 @@ def alternative_features(motion: Motion) -> dict[str, F]:
     maps = [x, x**2, *at[1:-1]]
     if not is_constant(motion.current):
         maps += [x * (n := normalize(motion.current)), x**2 * n]
-    features = {SPRING: np.concatenate([at, *(speeds * one for one in maps)])}
+    features = {SPRING: np.concatenate([at, *(speeds * feature for feature in maps)])}
     if 0.0 < moved_mass(motion) <= MAX_MASS_KG:
         low_passes = (butter(2, hertz, fs=RATE_HZ, output="sos") for hertz in ACCELERATION_HZ)  # against its noise
-        features[INERTIA] = np.stack([normalize(sosfiltfilt(one, np.gradient(motion.speed))) for one in low_passes])
+        features[INERTIA] = np.stack([normalize(sosfiltfilt(low, np.gradient(motion.speed))) for low in low_passes])
     if not is_constant(motion.current):
         slow = [lag(normalize(motion.current), seconds) for seconds in SLOW_VALVE_LAGS_S]
-        features[SLOW_VALVE] = np.concatenate([speeds * one for one in slow])
+        features[SLOW_VALVE] = np.concatenate([speeds * feature for feature in slow])
     return features
 
 
@@ -180,8 +180,8 @@ def moved_mass(motion: Motion) -> float:
     speeds, n = hats(motion.speed, KNOTS), normalize(motion.current)
     damping = np.concatenate([speeds, speeds * n, normalize(motion.position)[None]])
     weights = np.linalg.lstsq(damping.T, np.stack([acceleration, motion.force], axis=1), rcond=1e-8)[0]
-    rest, force = np.stack([acceleration, motion.force]) - weights.T @ damping
-    return float(rest @ force) / max(float(rest @ rest), 1e-30)
+    inertial, force = np.stack([acceleration, motion.force]) - weights.T @ damping
+    return float(inertial @ force) / max(float(inertial @ inertial), 1e-30)
 
 
 def is_constant(current: F) -> bool:
@@ -216,5 +216,5 @@ def fit_errors(features: F, targets: F) -> F:
     right = a.T @ y
     weights = np.linalg.solve(damped, right)
     energy = np.maximum((y**2).sum(axis=0), 1e-30)
-    rest = energy - 2.0 * (weights * right).sum(axis=0) + (weights * (gram @ weights)).sum(axis=0)
-    return np.asarray(np.sqrt(np.maximum(rest, 0.0) / energy))
+    left = energy - 2.0 * (weights * right).sum(axis=0) + (weights * (gram @ weights)).sum(axis=0)
+    return np.asarray(np.sqrt(np.maximum(left, 0.0) / energy))

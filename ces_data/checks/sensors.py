@@ -49,8 +49,8 @@ def sensor_findings(recording: Recording) -> Iterator[Finding]:
             continue
         runs = runs_of_equal(channel.values)
         limits = [s.limit for s in find_saturations(recording, name)]
-        found = list(_stuck(channel, channels.get(OTHER[name]), runs, limits)) or list(_held(channel, runs))
-        yield from found or _coarse(channel, runs)
+        faults = list(_stuck(channel, channels.get(OTHER[name]), runs, limits)) or list(_held(channel, runs))
+        yield from faults or _coarse(channel, runs)
 
 
 def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[float]) -> Iterator[Finding]:
@@ -81,9 +81,9 @@ def _long_runs(channel: Channel, runs: I, seconds: float, samples: int = STUCK_S
     """Return which runs of equal values are long; and whether the channel is noisy otherwise, None if unknown."""
     lengths = np.diff(runs, axis=1)[:, 0]
     long = lengths >= max(samples, seconds * mean_rate(channel))
-    rest = lengths[~long]
-    known = long.any() and len(rest) > 0
-    return long, bool((rest - 1).sum() <= NOISY_REPEATS * rest.sum()) if known else None
+    short = lengths[~long]
+    known = long.any() and len(short) > 0
+    return long, bool((short - 1).sum() <= NOISY_REPEATS * short.sum()) if known else None
 
 
 def _jumps(values: F, runs: I) -> Mask:
@@ -244,10 +244,10 @@ def _unlike_force(motion: Motion) -> Finding | None:
     lengths = runs[:, 1] - runs[:, 0]
     longest = np.argsort(-lengths, kind="stable")[:MAX_STRETCHES]
     for begin, end in runs[longest][lengths[longest] >= MIN_STRETCH_S * RATE_HZ]:
-        rest = np.concatenate([np.arange(begin), np.arange(end, len(motion))])
-        if len(rest) < MIN_REST * len(motion):
+        others = np.concatenate([np.arange(begin), np.arange(end, len(motion))])
+        if len(others) < MIN_REST * len(motion):
             continue
-        inside, outside = _error(motion, np.arange(begin + round(SETTLING_S * RATE_HZ), end)), _error(motion, rest)
+        inside, outside = _error(motion, np.arange(begin + round(SETTLING_S * RATE_HZ), end)), _error(motion, others)
         if inside > max(RATIO * outside, MIN_ERROR):
             share = (end - begin) / len(motion)
             text = (

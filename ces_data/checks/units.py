@@ -184,8 +184,8 @@ def ratio_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
         slope = _slope(reference, motion)
         if unit := _find_unit(slope):
             small, large = (name, first) if slope < 1.0 else (first, name)
-            known = not (is_constant(motion.current) or is_constant(reference.current))
-            severity = WRONG_MODEL if known else WARNING  # without a current, the valve may have been set differently
+            driven = not (is_constant(motion.current) or is_constant(reference.current))
+            severity = WRONG_MODEL if driven else WARNING  # without a current, the valve may have been set differently
             text = f"force: {max(slope, 1.0 / slope):.3g} times as large in {large} as in {small} at equal speeds and"
             remedy = f"if {small} is in {unit}, multiply its scale in the signals file by {UNITS[unit]:.6g}"
             yield Finding(severity, f"{text} currents; {remedy}", "force")

@@ -25,7 +25,8 @@ from ces_gap.grid import thin_out
 from ces_gap.trace import CURRENT_AGE_S, Trace, TraceInputs
 from ces_identify.prepare.series import hold_current
 from ces_observer.errors import ModelError
-from ces_observer.records import bounded, part, read_record, write_record
+from ces_observer.fields import Field
+from ces_observer.records import Record, bounded, part, read_document, write_record
 from ces_observer.structures.hydraulic import Hydraulic
 
 SCHEMA = "ces-twin/1"
@@ -37,14 +38,16 @@ MAX_TICKS = 400_000  # of all steps of one run: longer recordings get longer ste
 
 @dataclass(frozen=True)
 class Twin(TraceSimulator):
-    """A network `body`, whose dead time is counted in ticks of `tick_s`.
+    """A network `body`, whose dead time is counted in ticks of `tick_s`, and a column of oil that rings.
 
-    `cost_J` is the cost J [%] (thesis eq. 3.5) on blocks of the simulated force left out of the fit.
+    `column_s2` is the column's mass over its stiffness [s²], 0 without one. `cost_J` is the cost J [%] (thesis eq. 3.5)
+    on blocks of the simulated force left out of the fit.
     """
 
     body: Hydraulic = part(inline=True)
     tick_s: float = bounded(1e-6, 1.0)
     cost_J: float = bounded(0.0, inf)
+    column_s2: float = bounded(0.0, 1.0, default=0.0, optional=True)  # older files have none
 
     def change_error(self, inputs: TraceInputs) -> float:
         """Return the error of a change of force by other `inputs`, relative to the change."""
@@ -68,15 +71,20 @@ class Twin(TraceSimulator):
 
     def as_json(self) -> dict[str, Any]:
         """Return the twin as plain values."""
-        return {"schema": SCHEMA, "tick_s": self.tick_s, "cost_J": self.cost_J, **write_record(self.body)}
+        return {
+            "schema": SCHEMA,
+            "tick_s": self.tick_s,
+            "cost_J": self.cost_J,
+            "column_s2": self.column_s2,
+            **write_record(self.body),
+        }
 
     @classmethod
-    def from_json(cls, document: Mapping[str, Any]) -> Twin:
-        """Return the twin from `as_json`; raises ValueError or ModelError if the document is not one."""
-        if document.get("schema") != SCHEMA:
-            raise ValueError(f"schema is {document.get('schema')!r}; expected {SCHEMA!r}")
-        content = {key: value for key, value in document.items() if key != "schema"}
-        return read_record(cls, content, "twin", ModelError, complete=True)
+    def from_json(cls, document: Mapping[str, Any], where: str = "twin") -> Twin:
+        """Return the twin from `as_json`; raises ModelError if the document is not one."""
+        again = "run `ces diagnose` again"
+        twin: Twin = read_document(Field(kind=Record(cls)), document, where, SCHEMA, again, ModelError)
+        return twin
 
 
 @dataclass(frozen=True)
@@ -145,7 +153,7 @@ def make_run(twin: Twin, trace: Trace) -> TwinRun:
     position, speed, current, step_s = sample_inputs(trace, count_steps(trace))
     valve = twin.body.valve
     body = replace(twin.body, valve=replace(valve, delay_ticks=valve.delay_ticks * twin.tick_s / step_s))
-    return TwinRun(body, position, speed, current, step_s)
+    return TwinRun(body, position, speed, current, step_s, twin.column_s2)
 
 
 def sample_inputs(trace: Trace, steps: int) -> tuple[F, F, F, float]:

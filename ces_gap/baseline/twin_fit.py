@@ -13,10 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ces_data.arrays import F, I, Mask
 from ces_gap.baseline.twin import Twin, count_steps, sample_inputs
-from ces_gap.grid import is_constant, rms
+from ces_gap.effects.network import column_response
+from ces_gap.grid import apply_response, derivative, is_constant, rms
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, usable_values
 from ces_identify.numerics.search import Limits
@@ -42,6 +44,8 @@ CURRENT_BINS = 6  # of the range of currents; a bin with MIN_BIN_SHARE of the ti
 MIN_BIN_SHARE, MIN_NODE_GAP = 0.02, 0.5  # the latter relative to a bin
 CONSTANT_REACH = 0.5  # of a constant current, by which the characteristic reaches beyond it
 MIN_REACH_A = 0.1
+MIN_RINGING = 0.2  # of the error's energy: a column of oil is tried (0.45 of a function with one, 0.01 without)
+MAX_UNDONE = 4.0  # gain by which a column's low-pass is undone at most: faster parts of a force are small
 MAX_OWN_COST_J = 3.0  # [%] of a model as its own twin: the observer's speed and ticks differ from the twin's
 
 
@@ -50,11 +54,15 @@ def find_own_twin(simulation: Simulation, traces: Sequence[Trace]) -> Twin | Non
     inside = simulation.innermost
     if not isinstance(inside, ModelSimulation) or not isinstance(inside.model.body, Hydraulic):
         return None
-    twin = Twin(inside.model.body, 1.0 / inside.model.sampling.rate_Hz, 0.0)
+    twin = _with_cost(Twin(inside.model.body, 1.0 / inside.model.sampling.rate_Hz, 0.0), traces)
+    return twin if twin.cost_J < MAX_OWN_COST_J else None
+
+
+def _with_cost(twin: Twin, traces: Sequence[Trace]) -> Twin:
+    """Return the twin with its cost on all ticks of the traces."""
     force = usable_values(traces, [t.simulated for t in traces])
     error = force - usable_values(traces, [twin.prepare_for(t).recorded for t in traces])
-    cost_J = 100.0 * rms(error) / max(float(force.std()), 1e-9)
-    return replace(twin, cost_J=cost_J) if cost_J < MAX_OWN_COST_J else None
+    return replace(twin, cost_J=100.0 * rms(error) / max(float(force.std()), 1e-9))
 
 
 def find_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ignore_progress) -> Twin | None:
@@ -75,7 +83,9 @@ def find_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ig
 
 
 def _hash(traces: Sequence[Trace]) -> str:
-    digest = hashlib.sha256(repr((__version__, KINDS, WORK, ROWS, STRENGTHS, MAX_TICKS, MAX_STEPS)).encode())
+    digest = hashlib.sha256(
+        repr((__version__, KINDS, WORK, ROWS, STRENGTHS, MAX_TICKS, MAX_STEPS, MIN_RINGING)).encode()
+    )
     for trace in traces:
         for values in (trace.inputs.position, trace.inputs.current, trace.simulated):
             digest.update(np.ascontiguousarray(values).tobytes())
@@ -83,20 +93,74 @@ def _hash(traces: Sequence[Trace]) -> str:
 
 
 def fit_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ignore_progress) -> Twin | None:
-    """Return the twin fitted to the simulated force of the traces; None if they are too short or hold no motion."""
-    found = fit_network(
-        traces, STRENGTHS, threads, lambda what: progress(f"fitting a twin of the simulation: {what}", 0.0)
-    )
-    if found is None:
+    """Return the twin fitted to the simulated force of the traces; None if they are too short or hold no motion.
+
+    Where its error asks for a column of oil that rings, a network of the same kind is fitted to the valve's force.
+    """
+
+    def listen(what: str) -> None:
+        progress(f"fitting a twin of the simulation: {what}", 0.0)
+
+    def as_twin(found: tuple[PhysicalFit, float], column_s2: float = 0.0) -> Twin:
+        fit, step_s = found
+        return Twin(fit.models.hold_pressures(fit.theta).body(fit.theta), step_s, fit.cost, column_s2)
+
+    plain = fit_network(traces, STRENGTHS, threads, listen)
+    if plain is None:
         return None
-    fit, step_s = found
-    return Twin(fit.models.hold_pressures(fit.theta).body(fit.theta), step_s, fit.cost)
+    twin = as_twin(plain)
+    column_s2 = find_column(twin, traces)
+    if column_s2 == 0.0:
+        return twin
+    valves = [_with_valve_force(trace, column_s2) for trace in traces]
+    again = fit_network(valves, STRENGTHS, threads, listen, (twin.body.kind,))
+    ringing = twin if again is None else _with_cost(as_twin(again, column_s2), traces)
+    return ringing if ringing.cost_J < _with_cost(twin, traces).cost_J else twin
+
+
+def find_column(twin: Twin, traces: Sequence[Trace]) -> float:
+    """Return mass over stiffness [s²] of a column of oil that the error of a twin without one asks for, 0 if none.
+
+    The error is then a sum of the force's derivatives and of the acceleration (`column_response`).
+    """
+    parts, errors = [], []
+    for trace in traces:
+        rate = derivative(trace.simulated, trace.rate_Hz)
+        columns = rate, derivative(rate, trace.rate_Hz), trace.acceleration
+        parts.append(np.stack(columns, axis=1)[trace.usable])
+        errors.append((trace.simulated - twin.prepare_for(trace).recorded)[trace.usable])
+    matrix, error = np.concatenate(parts), np.concatenate(errors)
+    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-9)
+    weights = np.linalg.lstsq(matrix / size, error, rcond=None)[0] / size
+    rest = error - matrix @ weights
+    column_s2 = -float(weights[1])
+    asks = rest @ rest < (1.0 - MIN_RINGING) * (error @ error)
+    return column_s2 if asks and column_s2 * (np.pi * traces[0].rate_Hz) ** 2 > 1.0 else 0.0
+
+
+def _with_valve_force(trace: Trace, column_s2: float) -> Trace:
+    """Return the trace with the force of the valve behind a column in place of the simulated one."""
+
+    def response(frequency: F) -> NDArray[np.complex128]:
+        undone = column_response(column_s2, frequency)
+        return undone / np.maximum(np.abs(undone) / MAX_UNDONE, 1.0)
+
+    _, base, _ = trace.base_grid
+    force = apply_response(trace.simulated_at_base, 1.0 / float(base[1] - base[0]), response)
+    return replace(trace, simulated_at_base=force)
 
 
 def fit_network(
-    traces: Sequence[Trace], strengths: Sequence[float], threads: int, progress: Callable[[str], None]
+    traces: Sequence[Trace],
+    strengths: Sequence[float],
+    threads: int,
+    progress: Callable[[str], None],
+    kinds: Sequence[str] | None = None,
 ) -> tuple[PhysicalFit, float] | None:
-    """Return the network fitted to the simulated force of the traces, with weaker pulls in turn, and its steps [s]."""
+    """Return the network fitted to the simulated force of the traces, with weaker pulls in turn, and its steps [s].
+
+    All `kinds` of a twin are compared if none are given.
+    """
     rate_Hz = traces[0].rate_Hz
     alike = [t for t in traces if t.rate_Hz == rate_Hz]
     coarse, tick_s = build_training(alike, 1, MAX_TICKS)
@@ -107,7 +171,7 @@ def fit_network(
         read_scales(coarse, 1.0 / tick_s), relax_s=NEVER_S, currents_A=place_current_nodes(coarse.inputs[2])
     )
     search = PhysicalSearch(Limits(threads=threads, work=WORK), lambda _: None)
-    fits = search.run(coarse, scales, KINDS, ROWS, held=is_constant(coarse.inputs[2]))
+    fits = search.run(coarse, scales, kinds or KINDS, ROWS, held=is_constant(coarse.inputs[2]))
     if search.stop.is_set():
         raise KeyboardInterrupt  # the search keeps its best so far, which is no twin
     if not fits:

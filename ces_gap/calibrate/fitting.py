@@ -102,7 +102,7 @@ class ParameterFit:
         """Return the parameters at some places, by default those that are determined, and the effect beside them."""
         places = self.determined if places is None else places
         inside = effect is not None and effect.edits
-        own = (replace(self.effect.hold_others(places), beside_inside=inside),) if len(places) else ()
+        own = (replace(self.effect.hold_others(places), adds=inside),) if len(places) else ()
         return own if effect is None else (*own, effect)
 
     @property

@@ -6,7 +6,7 @@ So they are fitted, cross-validated and combined with missing effects by the sam
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,10 @@ MOVES_TOGETHER = 0.95  # correlation of two estimates
 class SimulationParameters(Effect):
     """Some parameters of a simulation; those that are not `free` keep their defaults."""
 
-    simulation: Simulation
+    simulation: Simulation = field(hash=False)
     free: tuple[EffectParameter, ...]
-    beside_inside: bool = False  # whether an effect inside the damper, in its twin, may be beside it
+    adds: bool = False  # to a force that holds more than the simulation's: a correction, or an effect in its twin
+    begin: tuple[float, ...] = ()  # of a search, besides the defaults
 
     name, form, stage = NAME, "values", SIMULATION
     summary = "numbers of the simulation are off"
@@ -49,13 +50,21 @@ class SimulationParameters(Effect):
         changed = self.simulation.with_values(dict(zip([p.name for p in self.free], values, strict=True)))
         try:
             own = _simulate(changed, trace, inputs)
-            if not self.beside_inside:  # then `force` is that of the defaults
+            if not self.adds:  # then `force` is that of the defaults
                 return own
             if inputs is trace.inputs:
                 return np.asarray(force + own - trace.simulated)
             return np.asarray(force + own - DirectSimulator(self.simulation).force(trace, inputs))
         except CesError:
             return np.full(len(trace), np.nan)
+
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        """Return where a search begins."""
+        return [self.begin] if self.begin else super().starts_for(trace)
+
+    def begin_at(self, searched: F) -> SimulationParameters:
+        """Return the effect with a search from these values (p,) on the search scales."""
+        return replace(self, begin=tuple(p.to_value(u) for p, u in zip(self.free, searched.tolist(), strict=True)))
 
     def hold_others(self, places: Sequence[int]) -> SimulationParameters:
         """Return the effect of the parameters at some places; the others keep their defaults."""

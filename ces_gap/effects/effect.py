@@ -12,8 +12,6 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft
 
 from ces_data.arrays import F
 from ces_gap.effects.network import TwinRun
@@ -21,7 +19,6 @@ from ces_gap.trace import Trace, TraceInputs
 
 # Stages, from the outside in, then outward.
 SIMULATION, SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = range(-1, 6)
-RUN_OUT_S = 0.25  # [s] of padding that leads from the last value of a response back to the first
 
 
 @dataclass(frozen=True)
@@ -182,13 +179,3 @@ class Composition:
         for setting in sorted(self.settings, key=lambda s: s.effect.stage):
             force = setting.effect.respond(trace, inputs, force, setting.values)
         return force
-
-
-def apply_response(force: F, rate_Hz: float, response: Callable[[F], NDArray[np.complex128]]) -> F:
-    """Return the force (n,) behind `response`, a function of the angular frequencies [rad/s]."""
-    count = len(force)
-    padded = next_fast_len(count + round(RUN_OUT_S * rate_Hz), real=True)
-    bridge = np.linspace(force[-1], force[0], padded - count + 2)[1:-1]
-    frequency = 2.0 * np.pi * rate_Hz * np.arange(padded // 2 + 1) / padded
-    spectrum = rfft(np.concatenate([force, bridge])) * response(frequency)
-    return np.asarray(irfft(spectrum, padded)[:count])

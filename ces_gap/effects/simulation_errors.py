@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import SIMULATION, Effect, EffectParameter, apply_response, magnitude
+from ces_gap.effects.effect import SIMULATION, Effect, EffectParameter, magnitude
+from ces_gap.grid import apply_response
 from ces_gap.trace import Trace, TraceInputs
 
 MAP_SHARE = 0.15  # of the gap's energy

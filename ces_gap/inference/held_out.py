@@ -14,7 +14,7 @@ from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.grid import number_blocks
 from ces_gap.inference.evidence import Baseline, Evidence
-from ces_gap.inference.fit import EffectFit, Estimate, Interval, estimate_parameters, fit_from
+from ces_gap.inference.fit import Z95, EffectFit, Estimate, Interval, estimate_parameters, fit_from
 from ces_gap.inference.judgement import (
     CALIBRATION,
     NO_GAP,
@@ -37,6 +37,7 @@ SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the dif
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
 SMALL = 0.3  # of a rare deviation: what an explanation leaves of it at most, a tenth of its energy
 HIDDEN = 3.0  # times the gap's RMS: what is as large lasts at most 1/9 of the time, and the RMS hides it
+SURELY_MORE = 1.15  # times the gap left, without an effect that is needed: `verdict.CLEARLY_MORE`
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
 
@@ -264,13 +265,18 @@ def apply_judgement(scores: HeldOutScores, judgement: Judgement) -> HeldOutScore
 
 
 def has_undetermined_effect(composition: Explanation) -> bool:
-    """True if the 95 % interval of an effect's magnitude includes that it is not there.
+    """True if the 95 % interval of an effect's magnitude includes that it is not there, and it is not needed.
 
     Several magnitudes of one effect may be uncertain each and certain together, so they are not tested one by one.
+    Where an effect saturates, as a relief valve that is wide open, the interval is wide for a size that is surely not
+    zero (Hauck and Donner 1977): then counts what is left without the effect.
     """
-    for setting, estimates in zip(composition.composition.settings, composition.estimates, strict=True):
+    c, alone = composition, composition.gain > Z95 * composition.gain_error > 0.0
+    needed = [gap_N > SURELY_MORE * c.gap_after_N for gap_N in c.without_N] or [alone] * len(c.effects)
+    for setting, estimates, is_needed in zip(c.composition.settings, c.estimates, needed, strict=True):
         sizes = [(p, e) for p, e in zip(setting.effect.parameters, estimates, strict=True) if p.magnitude]
-        if len(sizes) == 1 and all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes):
+        includes_none = all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes)
+        if not is_needed and len(sizes) == 1 and includes_none:
             return True
     return False
 

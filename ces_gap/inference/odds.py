@@ -91,6 +91,7 @@ class Probabilities:
         gap = self.known + self.unknown
         if gap < 1e-300:  # a share of it could overflow
             return Probabilities(none, 1.0 - none, self.effects)
+        none = min(none, 1.0 - MIN_PROBABILITY)  # so that the others can grow again
         share = (1.0 - none) / gap
         return Probabilities(none, self.unknown * share, {name: p * share for name, p in self.effects.items()})
 

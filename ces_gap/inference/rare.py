@@ -16,6 +16,7 @@ WINDOWS_S = (0.01, 0.03, 0.1, 0.3)  # [s] from a stop that is hit to a valve tha
 BLOCK_S = 0.5  # [s] of which only the largest window counts: largest windows of different blocks are independent
 MIN_BLOCKS = 16  # of which the quartile and the median show how largest windows scatter
 FALSE_ALARMS = 0.005  # share of clean diagnoses in which the largest deviation may pass: 1 of 50 with a margin
+UNSEEN = 1.5  # times what references show, from which a correction was learnt: it leaves more on others
 QUARTILE, MEDIAN = (-math.log(-math.log(share)) for share in (0.25, 0.5))  # of a Gumbel distribution
 
 
@@ -67,7 +68,7 @@ def _test(
     low, middle = np.quantile(seen, (0.25, 0.5))
     scale = (middle - low) / (MEDIAN - QUARTILE)
     limit_N = float(middle + scale * (math.log(len(seen) * len(WINDOWS_S) / FALSE_ALARMS) - MEDIAN))
-    limit_N = max([limit_N, least_N, *(_largest(error, lengths[0]) for error in known)])
+    limit_N = max([limit_N, least_N, *(UNSEEN * _largest(error, lengths[0]) for error in known)])
     number = int(np.argmax([np.nan_to_num(np.abs(mean)).max(initial=0.0) for mean in means]))
     trace, mean = traces[number], means[number]
     at = int(np.argmax(np.nan_to_num(np.abs(mean))))

@@ -85,7 +85,7 @@ def search(
     for k, fit in enumerate([f for f in forms[:MAX_REFINED_FORMS] if f.cost < limit]):
         progress(f"running the simulation with {fit.names[0]}", k / MAX_REFINED_FORMS)
         forms[k] = refinement.refine(evidence, fit)
-    alone = order_nested_forms(evidence, best_forms(forms, energy))
+    alone = order_nested_forms(evidence, best_forms(forms, energy), energy)
     several = explain_static_map(evidence, forms[0], energy, effects, threads, progress)
     if several is not None:
         return EffectSearchResult(residual, alone, several, energy, evidence)
@@ -164,27 +164,30 @@ def is_worthwhile(evidence: Evidence, before: F, after: EffectFit, min_energy: f
     return paired.energy > min_energy and (paired.z > MIN_GAIN_Z or paired.energy > CLEAR_SHARE * len(before))
 
 
-def loses_to_nested_form(evidence: Evidence, fit: EffectFit, other: EffectFit) -> bool:
-    """True if two fits differ in an effect and its limit only, and the data decide for the `other`.
+def loses_to_nested_form(evidence: Evidence, fit: EffectFit, other: EffectFit, energy: float) -> bool:
+    """True if two fits of a gap of this `energy` differ in an effect and its limit only, and the data favour `other`.
 
-    The form must gain more than twice the error of its gain over the limit. The limit wins if the form's best
-    parameters are on a bound, where the form is no longer plausible, or if it leaves less by more than twice the error.
+    The form must gain more than twice the error of its gain over the limit, and inside the twin, which errs, the price
+    of its further parameters. The limit wins if the form's best parameters are on a bound, where the form is no longer
+    plausible, or if it leaves less by more than twice the error. Otherwise both are possible.
     """
     pairs = ((fit, other), (other, fit))
     mine, theirs = ([e for e in one.effects if e.name not in rest.names] for one, rest in pairs)
     if len(mine) != 1 or len(theirs) != 1:
         return False
-    better = compute_paired_gain(evidence, fit.left_out, other.left_out).z > MIN_GAIN_Z
+    gain = compute_paired_gain(evidence, fit.left_out, other.left_out)
+    better = gain.z > MIN_GAIN_Z
     if theirs[0].limit == mine[0].name:
-        return better
+        price = PARAMETER * energy * (len(other.searched) - len(fit.searched)) if theirs[0].edits else 0.0
+        return better and gain.energy > price
     return mine[0].limit == theirs[0].name and (better or count_stuck_parameters(fit) > 0)
 
 
-def order_nested_forms(evidence: Evidence, ranked: Sequence[EffectFit]) -> tuple[EffectFit, ...]:
+def order_nested_forms(evidence: Evidence, ranked: Sequence[EffectFit], energy: float) -> tuple[EffectFit, ...]:
     """Return the fits of single effects, best first, each before those that lose to it as a nested form."""
     ordered: list[EffectFit] = []
     for fit in ranked:
-        place = [k for k, earlier in enumerate(ordered) if loses_to_nested_form(evidence, earlier, fit)]
+        place = [k for k, earlier in enumerate(ordered) if loses_to_nested_form(evidence, earlier, fit, energy)]
         ordered.insert(place[0] if place else len(ordered), fit)
     return tuple(ordered)
 
@@ -311,7 +314,7 @@ def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
         return []
     fits = result.alone if len(best.effects) == 1 else result.tried
     near = [f for f in fits if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
-    return [f for f in near if not loses_to_nested_form(result.evidence, f, best)]
+    return [f for f in near if not loses_to_nested_form(result.evidence, f, best, result.gap_energy)]
 
 
 def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
@@ -327,7 +330,7 @@ def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     fits = [fit for fit in result.alone if fit.names[0] in alone or not fit.effects[0].nuisance]
     costs = {fit.names[0]: fit.cost + prior_cost(fit, energy) for fit in fits}
     if best is not None and len(best.effects) == 1:
-        lost = [f for f in result.alone if loses_to_nested_form(result.evidence, f, best)]
+        lost = [f for f in result.alone if loses_to_nested_form(result.evidence, f, best, energy)]
         costs.update({f.names[0]: max(f.cost, whole) for f in lost})
     for fit in (*find_alternatives(result), *([best] if best is not None else [])):
         names = fit.names if best is None or fit is best else set(fit.names) - set(best.names)

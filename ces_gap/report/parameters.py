@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
-from ces_gap.calibrate.calibration import FreedParameters
+from ces_gap.calibrate.calibration import FittedParameter, FreedParameters
 from ces_gap.calibrate.parameters import NAME
 from ces_gap.diagnosis import (
     AMBIGUOUS,
@@ -51,6 +52,25 @@ def with_parameters(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
             d = replace(d, verdict=AMBIGUOUS, doubt=REMAINS)
         d = replace(d, composition=_join(parameters, d.composition))
     return _with_alternatives(_weigh(d, parameters), chosen)
+
+
+def with_changes(d: Diagnosis) -> Diagnosis:
+    """Return the diagnosis with what parameters were before that have changed since the references were recorded."""
+    causes, composition = tuple(map(_with_defaults, d.causes)), _with_defaults(d.composition)
+    own = [e for found in composition.estimates for e in found if math.isfinite(e.default)]
+    changed = [e for e in own if not e.ci95[0] <= e.default <= e.ci95[1]]
+    words = describe_values([FittedParameter(e.name, e.value, e.ci95, e.default) for e in changed])
+    sentence = f"{d.sentence} {words}." if changed and d.verdict in (NAMED, AMBIGUOUS) else d.sentence
+    return replace(d, causes=causes, composition=composition, sentence=sentence)
+
+
+def _with_defaults(one: Explanation) -> Explanation:
+    def complete(setting: Setting, found: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+        pairs = zip(found, setting.effect.parameters, strict=True)
+        own = setting.name == NAME
+        return tuple(replace(e, default=p.starts[0]) for e, p in pairs) if own else found
+
+    return replace(one, estimates=tuple(map(complete, one.composition.settings, one.estimates)))
 
 
 def _explain(d: Diagnosis, chosen: FreedParameters, setting: Setting) -> Explanation:

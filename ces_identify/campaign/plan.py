@@ -19,7 +19,6 @@ from ces_data.checks.content import require_distinct, shared_content
 from ces_data.config_file import read_yaml_mapping
 from ces_data.findings import Finding
 from ces_data.recording import Recording
-from ces_identify.campaign.rows import CellNames
 from ces_identify.options import (
     CANDIDATES,
     CERTIFICATE,
@@ -113,12 +112,6 @@ class Campaign:
         """Every bag once, in the order of the file."""
         sets = (*self.bags.values(), *self.validate.values())
         return tuple(dict.fromkeys(path for bags in sets for path in bags))
-
-    @property
-    def names(self) -> CellNames:
-        """Names of the cells, by the settings that vary in the plan."""
-        axes = [axis for own in (*self.structures.values(), self.common) for axis in own.items()]
-        return CellNames(tuple(dict.fromkeys(name for name, values in axes if len(values) > 1)), len(self.bags) > 1)
 
     def cells(self) -> tuple[Cell, ...]:
         """Return the cross product of all axes, sorted by seed, so that early results cover every structure."""

@@ -16,33 +16,24 @@ from scipy.signal import find_peaks
 
 from ces_data.arrays import F, I, Mask
 from ces_identify.characteristics.motion import MEASURED, Stretch
+from ces_identify.limits import DynoLimits
 
 HALF = 100  # samples of each half of a cycle after resampling
 SMOOTH = 5  # instants over which the speed is averaged: less noise in slow cycles, a sine gets 0.1 % lower
-MIN_SAMPLES = 20  # of a cycle
-MIN_BANDWIDTH_RATIO = 5.0  # bandwidth over the frequency of the cycle: the speed of a sine is 0.2 % low
-MIN_PROMINENCE = 0.01  # of the stroke's span: smaller turns are no reversals
-NOISE_PROMINENCE = 8.0  # times the noise of the speed, over one period of the bandwidth
-MAX_SHAPE_DIFFERENCE = 0.06  # RMS between neighbours, of half the stroke
-MAX_PERIOD_DIFFERENCE = 0.15  # between neighbours, of the period
-MIN_REPEATS = 3  # cycles in a row that resemble each other
-SETTLE_S = 0.1  # [s] before a cycle in which the current must be constant, too
 REASONS = (
     "its stroke does not repeat (neighbouring cycles differ)",
     "the current changes within the cycle or the 0.1 s before it",
-    f"fewer than {MIN_SAMPLES} position samples in a cycle",
-    f"the bandwidth of the speed is below {MIN_BANDWIDTH_RATIO:g} times the cycle's frequency",
+    f"fewer than {DynoLimits.MIN_SAMPLES} position samples in a cycle",
+    f"the bandwidth of the speed is below {DynoLimits.MIN_BANDWIDTH_RATIO:g} times the cycle's frequency",
     "no measured force over the whole cycle",
     "its peak speed is less than 10 times the noise of the speed",
 )
 
 COMPRESSION, REBOUND = "compression", "rebound"
 DIRECTIONS = (COMPRESSION, REBOUND)
-PEAK_SHARE = 0.97  # the peak is where the speed is at least this share of the largest
 EVEN = 7  # instants of a half over which the speed is averaged to find the peak: 0.2 % lower for a sine
 SHARES = np.round(np.arange(1, 20) * 0.05, 2)  # of the peak speed, at which the branches are read
 SKEW_S = 1e-3  # [s] delay between force and position whose effect on widths is stated
-MIN_CYCLES = 3  # for a spread, a loop, work and branches
 ARRAYS = ("time_s", "position", "speed", "current_A", "reason", "recording")  # of cycles, beside the forces
 
 
@@ -87,8 +78,8 @@ def find_cycles(stretch: Stretch, number: int, tolerance_A: float, speed_noise: 
     checks = [
         ~_find_repeats(position, period),
         ~constant_between(stretch, first, last, tolerance_A),
-        last - first < MIN_SAMPLES,
-        period * bandwidth_Hz < MIN_BANDWIDTH_RATIO,
+        last - first < DynoLimits.MIN_SAMPLES,
+        period * bandwidth_Hz < DynoLimits.MIN_BANDWIDTH_RATIO,
         ~np.isfinite(forces[MEASURED]).all(axis=1),
         np.minimum(speed.max(axis=1, initial=0.0), -speed.min(axis=1, initial=0.0)) < 10.0 * speed_noise,
     ]
@@ -109,21 +100,21 @@ def find_reversals(stretch: Stretch, noise_m: float) -> tuple[I, I]:
     """Return the samples at full rebound (c + 1,) and full compression (c,) between them, for c cycles."""
     x = stretch.position
     low, high = np.percentile(x, (1.0, 99.0))
-    least = max(MIN_PROMINENCE * float(high - low), NOISE_PROMINENCE * noise_m, 1e-12)
+    least = max(DynoLimits.MIN_PROMINENCE * float(high - low), DynoLimits.NOISE_PROMINENCE * noise_m, 1e-12)
     tops, bottoms = find_peaks(x, prominence=least)[0], find_peaks(-x, prominence=least)[0]
     turns = np.concatenate([tops, bottoms])
     kinds = np.concatenate([np.ones(len(tops), np.int64), -np.ones(len(bottoms), np.int64)])
     order = np.argsort(turns, kind="stable")
     turns, kinds = _alternate(x, turns[order], kinds[order])
-    first = int(np.argmax(kinds < 0)) if (kinds < 0).any() else len(kinds)
-    turns = turns[first:]
+    begin = int(np.argmax(kinds < 0)) if (kinds < 0).any() else len(kinds)
+    turns = turns[begin:]
     count = max((len(turns) - 1) // 2, 0)
     return turns[: 2 * count + 1 : 2], turns[1 : 2 * count : 2]
 
 
 def constant_between(stretch: Stretch, first: F, last: F, tolerance_A: float) -> Mask:
     """Return whether the current is constant between fractional samples `first` and `last` (n,) and SETTLE_S before."""
-    early = first - SETTLE_S * stretch.rate_Hz
+    early = first - DynoLimits.SETTLE_S * stretch.rate_Hz
     spans = zip(np.maximum(early, 0.0).astype(int), np.ceil(last).astype(int) + 1, strict=True)
     widths = [float(np.ptp(np.percentile(stretch.current[a:b], (2.0, 98.0)))) for a, b in spans]
     return np.asarray([width <= tolerance_A for width in widths], dtype=np.bool_)
@@ -131,7 +122,7 @@ def constant_between(stretch: Stretch, first: F, last: F, tolerance_A: float) ->
 
 def steady_current(stretch: Stretch, tolerance_A: float) -> Mask:
     """Return where (n,) the current has been constant for SETTLE_S."""
-    window = max(2, round(SETTLE_S * stretch.rate_Hz))
+    window = max(2, round(DynoLimits.SETTLE_S * stretch.rate_Hz))
     shift = (window - 1) // 2  # the window ends at the sample
     top = maximum_filter1d(stretch.current, window, origin=shift, mode="nearest")
     bottom = minimum_filter1d(stretch.current, window, origin=shift, mode="nearest")
@@ -173,17 +164,34 @@ def _find_repeats(position: F, period: F) -> Mask:
     """Return which cycles (n,) are in a row of MIN_REPEATS whose neighbours have the same stroke and period."""
     half = 0.5 * np.ptp(position, axis=1)
     scale = np.minimum(half[1:], half[:-1])
-    shape = np.sqrt(np.mean(np.diff(position, axis=0) ** 2, axis=1)) <= MAX_SHAPE_DIFFERENCE * scale
-    same = shape & (np.abs(np.diff(period)) <= MAX_PERIOD_DIFFERENCE * np.minimum(period[1:], period[:-1]))
+    shape = np.sqrt(np.mean(np.diff(position, axis=0) ** 2, axis=1)) <= DynoLimits.MAX_SHAPE_DIFFERENCE * scale
+    same = shape & (np.abs(np.diff(period)) <= DynoLimits.MAX_PERIOD_DIFFERENCE * np.minimum(period[1:], period[:-1]))
     repeats = np.zeros(len(position), np.bool_)
-    for k in range(len(position) - MIN_REPEATS + 1):
-        if same[k : k + MIN_REPEATS - 1].all():
-            repeats[k : k + MIN_REPEATS] = True
+    for k in range(len(position) - DynoLimits.MIN_REPEATS + 1):
+        if same[k : k + DynoLimits.MIN_REPEATS - 1].all():
+            repeats[k : k + DynoLimits.MIN_REPEATS] = True
     return repeats
 
 
 def _interpolate(values: F, at: F) -> F:
     return np.asarray(np.interp(at.ravel(), np.arange(len(values)), values)).reshape(at.shape)
+
+
+def group_values(values: F, tolerance: float) -> list[I]:
+    """Return the indices of each group of values (n,) that are close together, in rising order.
+
+    Groups are separated by gaps of at least half the `tolerance`; one wider than twice the tolerance is cut into pieces
+    one tolerance wide.
+    """
+    if not len(values):
+        return []
+    order = np.argsort(values, kind="stable")
+    groups: list[I] = []
+    for group in np.split(order, np.flatnonzero(np.diff(values[order]) > 0.5 * tolerance) + 1):
+        above = values[group] - values[group[0]]
+        cuts = np.flatnonzero(np.diff(np.floor(above / tolerance))) + 1
+        groups += np.split(group, cuts) if above[-1] > 2.0 * tolerance else [group]
+    return groups
 
 
 def join_cycles(parts: list[Cycles]) -> Cycles:
@@ -260,7 +268,7 @@ def evaluate_cycles(cycles: Cycles, source: str) -> CycleValues:
 def _evaluate_half(speed: F, force: F, sign: float) -> HalfValues:
     v = sign * speed
     even = uniform_filter1d(v, EVEN, axis=1, mode="nearest")  # the highest of noisy samples is too high
-    top = even >= PEAK_SHARE * even.max(axis=1, keepdims=True)
+    top = even >= DynoLimits.PEAK_SHARE * even.max(axis=1, keepdims=True)
     count = top.sum(axis=1)
     peak_speed = np.where(top, v, 0.0).sum(axis=1) / count
     peak_force = np.where(top, force, 0.0).sum(axis=1) / count

@@ -17,16 +17,12 @@ from scipy.signal import butter, sosfiltfilt
 from ces_data.arrays import F, I
 from ces_data.recording import Channel, Recording
 from ces_data.samples import remove_spikes, without_spikes
+from ces_identify.limits import MotionLimits
 from ces_identify.numerics.correlation import noise_rms
 from ces_identify.prepare.sampling import longest_gap_s, sample_rate
 from ces_identify.prepare.series import hold_current, interpolate_force, usable_samples
 
 MEASURED = "measured"
-MIN_BANDWIDTH_HZ, MAX_BANDWIDTH_HZ = 30.0, 200.0
-MAX_BANDWIDTH_SHARE = 0.25  # of the sampling rate
-NOISE_SHARE = 0.01  # of the RMS speed
-MAX_CURRENT_AGE_S = 5.0  # a commanded current may be logged only when it changes
-MIN_STRETCH_S = 0.25
 ROUND_S = 1e-9
 
 
@@ -107,25 +103,25 @@ def noise_gain(bandwidth_Hz: float, rate_Hz: float) -> float:
 
 def choose_bandwidth(positions: list[F], rate_Hz: float, noise_m: float) -> float:
     """Return the bandwidth [Hz] for positions sampled at `rate_Hz` with white noise of `noise_m` RMS."""
-    widest = min(MAX_BANDWIDTH_HZ, MAX_BANDWIDTH_SHARE * rate_Hz)
-    narrowest = min(MIN_BANDWIDTH_HZ, widest)
+    widest = min(MotionLimits.MAX_BANDWIDTH_HZ, MotionLimits.MAX_BANDWIDTH_SHARE * rate_Hz)
+    narrowest = min(MotionLimits.MIN_BANDWIDTH_HZ, widest)
     speeds = [differentiate(x, rate_Hz, narrowest)[1] for x in positions]
     rms = float(np.sqrt(np.mean(np.concatenate(speeds) ** 2))) if speeds else 0.0
     choices = [float(b) for b in np.geomspace(widest, narrowest, 24)]
-    quiet = (b for b in choices if noise_m * noise_gain(b, rate_Hz) <= NOISE_SHARE * rms)
+    quiet = (b for b in choices if noise_m * noise_gain(b, rate_Hz) <= MotionLimits.NOISE_SHARE * rms)
     return float(f"{next(quiet, narrowest):.3g}")
 
 
 def _make_grids(recording: Recording, rate: float, gap_s: float) -> list[tuple[I, F]]:
     """Return stamps [ns] and positions [m] on a uniform grid for each stretch without a gap."""
-    samples = usable_samples(recording, MAX_CURRENT_AGE_S)
+    samples = usable_samples(recording, MotionLimits.MAX_CURRENT_AGE_S)
     stamps, first = np.unique(samples.stamps_ns, return_index=True)
     position = samples.position[first]
     breaks = np.flatnonzero(np.diff(stamps) > gap_s * 1e9) + 1
     grids = []
     for a, b in pairwise([0, *breaks.tolist(), len(stamps)]):
         seconds = (stamps[a:b] - stamps[a]) * 1e-9
-        if b - a > 8 and seconds[-1] >= MIN_STRETCH_S:
+        if b - a > 8 and seconds[-1] >= MotionLimits.MIN_STRETCH_S:
             even = np.arange(int(seconds[-1] * rate + ROUND_S) + 1) / rate
             times = stamps[a] + np.rint(even * 1e9).astype(np.int64)
             grids.append((times, np.asarray(np.interp(even, seconds, remove_spikes(position[a:b])))))
@@ -143,9 +139,9 @@ def _make_stretch(
         time_s=_seconds(times, start_ns),
         position=smooth,
         speed=speed,
-        current=hold_current(recording, times, MAX_CURRENT_AGE_S),
+        current=hold_current(recording, times, MotionLimits.MAX_CURRENT_AGE_S),
         current_s=np.empty(0) if logged is None else _seconds(np.sort(logged.stamps_ns), start_ns),
-        forces={source: interpolate_force(one, times, gap_s) for source, one in forced.items()},
+        forces={source: interpolate_force(given, times, gap_s) for source, given in forced.items()},
     )
 
 

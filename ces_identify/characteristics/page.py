@@ -22,7 +22,7 @@ from ces_identify.characteristics import tables
 from ces_identify.characteristics.cycles import DIRECTIONS
 from ces_identify.characteristics.motion import MEASURED
 from ces_identify.characteristics.rows import TABLES, Characteristics, ConditionRow, CycleWork, LoopPoint, columns
-from ces_identify.characteristics.steps import MIN_STEPS
+from ces_identify.limits import StepLimits
 from ces_observer.json_text import write_atomically
 from ces_report.drawing import span_of
 from ces_report.figure import CURVES, PlotMark
@@ -138,9 +138,9 @@ def choose_test_points(results: Characteristics) -> list[CycleWork]:
     return [full[k] for k in chosen]
 
 
-def _same_test(one: ConditionRow, other: ConditionRow) -> bool:
+def _same_test(row: ConditionRow, other: ConditionRow) -> bool:
     """Return whether two rows have nearly the same amplitude and frequency."""
-    ratios = np.array([other.amplitude_m / one.amplitude_m, other.frequency_Hz / one.frequency_Hz])
+    ratios = np.array([other.amplitude_m / row.amplitude_m, other.frequency_Hz / row.frequency_Hz])
     return bool((np.abs(np.log(ratios)) <= SAME_TEST).all())
 
 
@@ -211,7 +211,8 @@ def response_charts(results: Characteristics) -> Iterator[Plot]:
     """Yield the mean normalised response to steps in each direction of motion with steps."""
     for direction in DIRECTIONS:
         marks: list[PlotMark] = []
-        rows = [row for row in results.response_points if row.direction == direction and row.steps >= MIN_STEPS]
+        enough = [row for row in results.response_points if row.steps >= StepLimits.MIN_STEPS]
+        rows = [row for row in enough if row.direction == direction]
         for n, key in enumerate(dict.fromkeys((round(r.from_A, 6), round(r.to_A, 6), r.source) for r in rows)):
             points = [r for r in rows if (round(r.from_A, 6), round(r.to_A, 6), r.source) == key]
             t, y, spread = (_values(points, name) for name in ("time_s", "share", "share_sd"))

@@ -227,10 +227,10 @@ class Characteristics:
 
     def __repr__(self) -> str:
         names = ", ".join(recording.name for recording in self.recordings)
-        used, found = (sum(getattr(r, name) for r in self.recordings) for name in ("cycles_used", "cycles"))
+        used, total = (sum(getattr(r, name) for r in self.recordings) for name in ("cycles_used", "cycles"))
         counts = ", ".join(f"{len(getattr(self, table))} {table}" for table in TABLES)
         return (
-            f"<characteristics of {names} ({', '.join(self.sources)}): {used} of {found} cycles used; rows: {counts}>"
+            f"<characteristics of {names} ({', '.join(self.sources)}): {used} of {total} cycles used; rows: {counts}>"
         )
 
 

@@ -19,25 +19,13 @@ from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 from scipy.stats import t as student
 
 from ces_data.arrays import F
-from ces_identify.characteristics.cycle_rows import group_values
-from ces_identify.characteristics.cycles import COMPRESSION, REBOUND
+from ces_identify.characteristics.cycles import COMPRESSION, REBOUND, group_values
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch
 from ces_identify.characteristics.rows import ResponsePoint, StepResponse, ValveResponse
+from ces_identify.limits import ErrorLimits, StepLimits
 
-PLATEAU_S = 0.05  # [s] of constant current before and after a step
-MAX_STEP_S = 0.04  # [s] that the change of the logged current may take
-MIN_STEP = 3.0  # in tolerances of the current
-BEFORE_S = 0.03  # [s] of steady force before the step
-MIN_AFTER_S, MAX_AFTER_S = 0.05, 0.25  # [s] at a constant speed after it
-SPEED_SHARE = 0.10  # by which the speed may leave its mean before the step
-MIN_FORCE_CHANGE = 15.0  # times the noise of the force
-UNSETTLED = 0.05  # of the change of force: drift before the step, and at the end
-MAX_T63_SHARE = 0.3  # of the window: a slower response would not have settled
-SPARSE_S = 0.05  # [s] a current logged less often is one that is logged when it changes
 TRACE_S = np.round(np.arange(-0.020, 0.1001, 0.0005), 4)  # [s] from the step, where the mean response is shown
 NOT_SEEN = "no force from this source around the step"
-LEVEL = 0.95
-MIN_STEPS = 3  # for an interval
 SINCE_STEP = ("time_63_s", "dead_time_s")
 TIMES = (*SINCE_STEP, "time_constant_s", "rise_s")
 
@@ -83,7 +71,8 @@ def find_steps(stretch: Stretch, tolerance_A: float) -> list[CurrentStep]:
         near = np.abs(stretch.current[a:d] - before) <= max(0.1 * abs(after - before), tolerance_A / 3.0)
         at = a + int(np.flatnonzero(near[: c - a])[-1]) + 1 if near[: c - a].any() else c
         short = np.abs(stretch.current[at:d] - after) <= max(0.1 * abs(after - before), tolerance_A)
-        if abs(after - before) < MIN_STEP * tolerance_A or np.argmax(short) > MAX_STEP_S * stretch.rate_Hz:
+        slow = np.argmax(short) > StepLimits.MAX_STEP_S * stretch.rate_Hz
+        if slow or abs(after - before) < StepLimits.MIN_STEP * tolerance_A:
             continue
         time, doubt = _locate_step(stretch, at)
         steps.append(CurrentStep(at, time, doubt, before, after))
@@ -93,17 +82,18 @@ def find_steps(stretch: Stretch, tolerance_A: float) -> list[CurrentStep]:
 def time_step(stretch: Stretch, step: CurrentStep, force: F, noise_N: float) -> tuple[dict[str, Any], F] | str:
     """Return the columns and the trace of the response of `force` (n,) to a step, or why none can be read."""
     rate, v = stretch.rate_Hz, stretch.speed
-    a, end = step.at - round(BEFORE_S * rate), min(step.at + round(MAX_AFTER_S * rate), len(v))
+    a, end = step.at - round(StepLimits.BEFORE_S * rate), min(step.at + round(StepLimits.MAX_AFTER_S * rate), len(v))
     if a < 0:
         return "the step is at the recording's edge"
     speed = float(v[a : step.at].mean())
-    close = np.abs(v[a:end] - speed) <= SPEED_SHARE * abs(speed)
-    later = step.at + round(MAX_STEP_S * rate)
+    close = np.abs(v[a:end] - speed) <= StepLimits.SPEED_SHARE * abs(speed)
+    later = step.at + round(StepLimits.MAX_STEP_S * rate)
     changed = np.flatnonzero(np.abs(stretch.current[later:end] - step.to_A) > 0.5 * abs(step.to_A - step.from_A))
     stop = end if not len(changed) else later + int(changed[0])
     stop = stop if close.all() else min(stop, a + int(np.argmin(close)))
-    if stop - step.at < MIN_AFTER_S * rate:
-        return f"the speed is not constant (within 10 %) from {BEFORE_S:g} s before to {MIN_AFTER_S:g} s after the step"
+    if stop - step.at < StepLimits.MIN_AFTER_S * rate:
+        before_s, after_s = StepLimits.BEFORE_S, StepLimits.MIN_AFTER_S
+        return f"the speed is not constant (within 10 %) from {before_s:g} s before to {after_s:g} s after the step"
     y, t = force[a:stop], stretch.time_s[a:stop] - step.time_s
     if not np.isfinite(y).all():
         return NOT_SEEN
@@ -115,14 +105,14 @@ def _read_response(y: F, t: F, at: int, speed: float, noise_N: float) -> tuple[d
     last = max((len(y) - at) // 3, 2)
     before, after = float(y[:at].mean()), float(y[-last:].mean())
     change = after - before
-    if abs(change) < MIN_FORCE_CHANGE * noise_N:
-        return f"the force changes by less than {MIN_FORCE_CHANGE:g} times its noise"
-    if max(abs(_drift(y[:at])), abs(_drift(y[-last:]))) > UNSETTLED * abs(change):
+    if abs(change) < StepLimits.MIN_FORCE_CHANGE * noise_N:
+        return f"the force changes by less than {StepLimits.MIN_FORCE_CHANGE:g} times its noise"
+    if max(abs(_drift(y[:at])), abs(_drift(y[-last:]))) > StepLimits.UNSETTLED * abs(change):
         return "the force is not steady before the step, or has not settled before the speed or the current changes"
     share = (y - before) / change
     shares = median_filter(share, 3)
     t10, t28, t63, t90 = (_crossing(t[at - 1 :], shares[at - 1 :], s) for s in (0.1, 0.283, 0.632, 0.9))
-    if not t63 <= MAX_T63_SHARE * t[-1]:
+    if not t63 <= StepLimits.MAX_T63_SHARE * t[-1]:
         return "the response is too slow for the time at a constant speed"
     constant = 1.5 * (t63 - t28)
     columns = {
@@ -140,16 +130,16 @@ def _read_response(y: F, t: F, at: int, speed: float, noise_N: float) -> tuple[d
 
 def _plateau_pairs(stretch: Stretch, tolerance_A: float) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """Yield neighbouring stretches [start, stop) of constant current."""
-    window = max(2, round(PLATEAU_S * stretch.rate_Hz))
+    window = max(2, round(StepLimits.PLATEAU_S * stretch.rate_Hz))
     spread = maximum_filter1d(stretch.current, window) - minimum_filter1d(stretch.current, window)
     flat = np.concatenate([[0], (spread <= tolerance_A).astype(np.int8), [0]])
     starts, stops = np.flatnonzero(np.diff(flat) == 1), np.flatnonzero(np.diff(flat) == -1)
     reach = window // 2 - 1  # the filters' windows are centred
     size = len(stretch.current)
     spans = [(max(int(a) - reach, 0), min(int(b) + reach, size)) for a, b in zip(starts, stops, strict=True)]
-    for one, other in pairwise(spans):
-        if other[0] - one[1] <= MAX_STEP_S * stretch.rate_Hz + 2:
-            yield one, other
+    for before, after in pairwise(spans):
+        if after[0] - before[1] <= StepLimits.MAX_STEP_S * stretch.rate_Hz + 2:
+            yield before, after
 
 
 def _locate_step(stretch: Stretch, at: int) -> tuple[float, float]:
@@ -160,7 +150,7 @@ def _locate_step(stretch: Stretch, at: int) -> tuple[float, float]:
     if index < 1:
         return now - grid, grid
     interval = float(logged[index] - logged[index - 1])
-    if interval > SPARSE_S:
+    if interval > StepLimits.SPARSE_S:
         return float(logged[index]), grid
     return float(logged[index]) - 0.5 * interval, 0.5 * interval
 
@@ -199,7 +189,7 @@ def average_steps(group: Sequence[ReadStep]) -> tuple[ValveResponse, list[Respon
     def average(name: str) -> float:
         return float(np.mean([getattr(step.row, name) for step in group]))
 
-    doubt, few = average("time_doubt_s"), len(group) < MIN_STEPS
+    doubt, few = average("time_doubt_s"), len(group) < StepLimits.MIN_STEPS
     key: dict[str, Any] = {"source": group[0].row.source, "direction": group[0].row.direction}
     key |= {"from_A": average("from_A"), "to_A": average("to_A"), "steps": len(group)}
     times: dict[str, Any] = {name: average(name) for name in TIMES}
@@ -210,7 +200,7 @@ def average_steps(group: Sequence[ReadStep]) -> tuple[ValveResponse, list[Respon
         speed_m_s=average("speed_m_s"),
         force_change_N=average("after_N") - average("before_N"),
         **times,
-        note=f"fewer than {MIN_STEPS} steps: no interval" if few else "",
+        note=f"fewer than {StepLimits.MIN_STEPS} steps: no interval" if few else "",
     )
     points = []
     for time, shares in zip(TRACE_S, np.stack([s.trace for s in group if s.trace is not None], axis=1), strict=True):
@@ -222,10 +212,10 @@ def average_steps(group: Sequence[ReadStep]) -> tuple[ValveResponse, list[Respon
 
 def _half_interval(group: Sequence[ReadStep], name: str, doubt_s: float) -> float:
     """Return half the 95 % interval of the mean [s], widened by a doubt that steps may share; NaN for few steps."""
-    if len(group) < MIN_STEPS:
+    if len(group) < StepLimits.MIN_STEPS:
         return np.nan
     values = np.array([getattr(step.row, name) for step in group])
-    reach = student.ppf(0.5 + LEVEL / 2, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
+    reach = student.ppf(0.5 + ErrorLimits.LEVEL / 2, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
     return float(reach + doubt_s)
 
 

@@ -55,8 +55,8 @@ def work_table(results: Characteristics) -> Table[CycleWork]:
     ]
     if alone:
         columns.insert(-1, replace(_spread("zero-speed\nwidth N", "zero_width", "N", short=""), **IN_TERMINAL))
-    rest = ", equivalent damping, hysteresis at zero speed, rebound over compression" if alone else ""
-    return Table(columns, _select_measured(results.work), f"work per cycle{rest}")
+    others = ", equivalent damping, hysteresis at zero speed, rebound over compression" if alone else ""
+    return Table(columns, _select_measured(results.work), f"work per cycle{others}")
 
 
 def zero_speed_table(results: Characteristics) -> Table[CycleWork]:
@@ -126,16 +126,16 @@ def omission_table(results: Characteristics) -> Table[Omission]:
         Column("How many", lambda o: f"{o.count} of {o.of}", figure=True, page_only=True),
         Column("Reason", lambda o: o.reason, page_only=True),
     ]
-    return Table(columns, [one for one in results.omissions if one.recording != "all"])
+    return Table(columns, [omission for omission in results.omissions if omission.recording != "all"])
 
 
 def choose_rows(table: Table[Any]) -> Table[Any]:
     """Return a table for the page: of many rows, those of evenly chosen conditions of each current."""
     conditions: dict[float, dict[tuple[float, float], list[Any]]] = {}
     for row in table.rows:
-        one = row[0] if isinstance(row, tuple) else row
-        of_current = conditions.setdefault(one.current_A, {})
-        of_current.setdefault((one.amplitude_m, one.frequency_Hz), []).append(row)
+        point = row[0] if isinstance(row, tuple) else row
+        of_current = conditions.setdefault(point.current_A, {})
+        of_current.setdefault((point.amplitude_m, point.frequency_Hz), []).append(row)
     every = max(1, math.ceil(len(table.rows) / MAX_ROWS))
     shown = [row for own in conditions.values() for some in list(own.values())[::every] for row in some]
     return replace(table, rows=shown, left_out=len(table.rows) - len(shown))

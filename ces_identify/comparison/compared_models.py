@@ -1,15 +1,16 @@
-"""What is compared: models with the recordings that they know, their forces at the same stamps.
+"""What is compared: models with the recordings that they know, their forces at the same stamps, and every two of them.
 
 Each model runs freely at its own rate and delay over the whole recording. Its force at a position sample is the one
 that the observer would publish for it, so all forces have the recording's own position stamps; the measured force is
-interpolated to them. Only stamps count at which every model has a force.
+interpolated to them. Only stamps count at which every model has a force. Of every two models, the difference of their
+costs has an error; all pairs that can be tested are tested together, with Holm's correction.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,15 @@ import numpy as np
 from ces_data.arrays import F, Mask
 from ces_data.checks.content import find_known_recording, identification_rows
 from ces_data.recording import Recording
-from ces_identify.limits import ComparisonLimits, TickLimits
+from ces_identify.limits import ComparisonLimits, ErrorLimits, TickLimits
+from ces_identify.numerics.correlation import (
+    SumError,
+    add_errors,
+    adjusted_p_values,
+    estimate_sum_error,
+    step_levels,
+    sum_bins,
+)
 from ces_identify.prepare.series import force_at
 from ces_identify.simulations.simulate import SampleRun, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
@@ -63,26 +72,10 @@ def make_compared_model(name: str, simulation: Simulation, source: str = "") -> 
     inside = simulation.innermost
     provenances = [getattr(simulation, "provenance", {})] if inside is not simulation else []
     provenances += [inside.model.provenance] if isinstance(inside, ModelSimulation) else [{}]
-    listed = [{"identification": one.get(role)} for one in provenances for role in FITTED_ROLES]
-    rows = tuple(row for one in listed for row in identification_rows(one))
-    known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
-    return ComparedModel(name, simulation, source, rows, known)
-
-
-def name_sources(sources: Sequence[str]) -> list[str]:
-    """Return a name for each path or specification: the file's stem, with its folders where stems are equal."""
-
-    def end_of(source: str, depth: int) -> str:
-        path = Path(source)
-        last = path.stem if path.suffix in (".json", ".yaml", ".yml") else path.name
-        return "/".join([*path.parts[-depth:-1], last])
-
-    names = []
-    for source in sources:
-        others = [other for other in sources if other != source]
-        depths = (n for n in range(1, 6) if all(end_of(source, n) != end_of(other, n) for other in others))
-        names.append(end_of(source, next(depths, 5)))
-    return names
+    listed = [{"identification": provenance.get(role)} for provenance in provenances for role in FITTED_ROLES]
+    rows = tuple(row for entry in listed for row in identification_rows(entry))
+    is_known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
+    return ComparedModel(name, simulation, source, rows, is_known)
 
 
 @dataclass(frozen=True)
@@ -188,3 +181,211 @@ def _find_exits(model: ComparedModel, run: SampleRun | None, counted: Mask) -> t
         return ()
     ticks = np.unique(run.newest[counted & (run.newest >= 0)])
     return find_outside(model.model, {name: getattr(run.series, name)[ticks] for name in SIGNAL_UNITS})
+
+
+BETTER, SAME, SHORT = "better", "cannot be told apart", "too short to know"
+NO_TEST, DIVERGED = "not a test", "diverged"
+
+
+Pair = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class DifferenceErrors:
+    """A difference of J [%], first minus second model, over `seconds`; `error` is None with a recording too short.
+
+    A difference up to `rounding` [%] is none.
+    """
+
+    value: float
+    error: SumError | None
+    seconds: float
+    rounding: float
+
+    @property
+    def is_rounding(self) -> bool:
+        """Whether the difference is no more than rounding, as that of a model and its own FMU."""
+        return abs(self.value) <= self.rounding
+
+    def p_value(self) -> float:
+        """Return the p-value that the true difference is zero; 1 without an error, or for rounding."""
+        return 1.0 if self.error is None or self.is_rounding else self.error.p_value(self.value)
+
+    def interval(self, level: float) -> tuple[float, float]:
+        """Return the interval [%] that holds the true value by `level` (0 to 1); endless without an error."""
+        half = np.inf if self.error is None else self.error.half_width(level)
+        half = max(half, abs(self.value)) if self.is_rounding else half
+        return float(self.value - half), float(self.value + half)
+
+    def is_too_short(self, alpha: float) -> bool:
+        """Return whether a longer recording may find a difference at the level `alpha` that this one cannot show.
+
+        So it is if there are fewer than MIN_SECONDS, or if the difference would count, were nothing slow possible.
+        """
+        if self.error is None:
+            return True
+        if self.is_rounding or self.p_value() < alpha:
+            return False
+        return self.seconds < ComparisonLimits.MIN_SECONDS or self.error.fast_p_value(self.value) < alpha
+
+
+def pooled_costs(recordings: Sequence[AlignedRecording]) -> F:
+    """Return J [%] of each model (models,) over all recordings, each force relative to its recording's mean."""
+    squares = sum((r.errors**2).sum(axis=1) for r in recordings)
+    return np.asarray(100.0 * np.sqrt(squares / sum(map(_spread, recordings))))
+
+
+def find_differences(recordings: Sequence[AlignedRecording], pairs: Sequence[Pair]) -> list[DifferenceErrors]:
+    """Return the difference of pooled J, with its error, for each pair of models; none of them may have diverged."""
+    costs, seconds = pooled_costs(recordings), sum(r.seconds for r in recordings)
+    influences = [influence_of_bins(r, costs, sum(map(_spread, recordings))) for r in recordings]
+    enough = all(influence.shape[1] >= ErrorLimits.MIN_BINS for influence in influences)
+    differences = []
+    for first, second in pairs:
+        sums = (
+            estimate_sum_error(x[first] - x[second], r.seconds) for x, r in zip(influences, recordings, strict=True)
+        )
+        error = add_errors(list(sums)) if enough else None
+        rounding = ErrorLimits.ROUNDING * float(max(costs[first], costs[second]))
+        differences.append(DifferenceErrors(float(costs[first] - costs[second]), error, seconds, rounding))
+    return differences
+
+
+def _spread(recording: AlignedRecording) -> float:
+    force = recording.measured[recording.scored]
+    return float(((force - force.mean()) ** 2).sum())
+
+
+def influence_of_bins(recording: AlignedRecording, costs: F, spread: float) -> F:
+    """Return the influence [%] of each bin of BIN_S on the pooled cost of each model (models, bins).
+
+    J = 100 sqrt(S / Y) with the sums S of squared errors and Y = `spread`: dJ = J / 2 (dS / S - dY / Y).
+    """
+    force = recording.measured[recording.scored]
+    squares = sum_bins(recording.errors**2, recording.rate_Hz)
+    of_force = sum_bins((force - force.mean()) ** 2, recording.rate_Hz)
+    per_square = 0.5 * 100.0**2 / np.maximum(costs, 1e-300) / spread  # J / (2 S)
+    return np.asarray(per_square[:, None] * squares - 0.5 * costs[:, None] * of_force / spread)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """J of the first model minus J of the second [%], on `recordings`.
+
+    The value is NaN if a model diverged; `low` and `high` are None where the recordings are too short to know.
+    """
+
+    recordings: tuple[str, ...]
+    value: float
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class PairResult:
+    """Two models compared: `first` and `second` are their indices.
+
+    `pooled` is over the recordings on which no model of the comparison was identified; without any, over those on which
+    neither of the two was, else over all. Its interval is at the level of its step in Holm's procedure. `each` holds
+    the difference on each recording, with plain 95 % intervals. `verdict` is one of BETTER, SAME, SHORT, NO_TEST and
+    DIVERGED; `better` is the index of the better model, None if neither is. `p_value` is Holm's adjusted one, None
+    without a test. `text` says it in a sentence.
+    """
+
+    first: int
+    second: int
+    pooled: Difference
+    each: tuple[Difference, ...]
+    p_value: float | None
+    verdict: str
+    better: int | None
+    text: str
+
+    def minus(self, model: int) -> Difference:
+        """Return the pooled difference as J of the other model minus J of `model`, one of the two."""
+        if model == self.second:
+            return self.pooled
+        low, high = (None if end is None else -end for end in (self.pooled.high, self.pooled.low))
+        return Difference(self.pooled.recordings, -self.pooled.value, low, high)
+
+
+def compare_pairs(
+    names: Sequence[str], recordings: Sequence[AlignedRecording], uses: Sequence[Sequence[str]]
+) -> list[PairResult]:
+    """Return every pair of the models `names`; `uses` says what each model did with each recording.
+
+    The pairs that can be tested are tested together, by Holm's procedure.
+    """
+    pairs, alpha = list(combinations(range(len(names)), 2)), 1.0 - ErrorLimits.LEVEL
+    common = _find_tests(uses, range(len(names)))
+    tests = {pair: common or _find_tests(uses, pair) for pair in pairs}
+    used = {pair: [recordings[i] for i in tests[pair] or range(len(recordings))] for pair in pairs}
+    errors = _find_errors(used)
+    tested = [pair for pair, difference in errors.items() if tests[pair] and difference.error is not None]
+    p_values = [errors[pair].p_value() for pair in tested]
+    levels = dict(zip(tested, step_levels(p_values, alpha), strict=True))
+    adjusted = dict(zip(tested, adjusted_p_values(p_values), strict=True))
+    single = [_find_errors({pair: [recording] for pair in pairs}) for recording in recordings]
+    return [
+        _pair_result(
+            pair,
+            names,
+            _difference(used[pair], errors.get(pair), levels.get(pair, alpha)),
+            tuple(
+                _difference([r], errors_there.get(pair), alpha)
+                for r, errors_there in zip(recordings, single, strict=True)
+            ),
+            adjusted.get(pair),
+            bool(tests[pair]),
+        )
+        for pair in pairs
+    ]
+
+
+def _find_tests(uses: Sequence[Sequence[str]], models: Sequence[int]) -> list[int]:
+    """Return the recordings on which none of these models was identified."""
+    return [i for i in range(len(uses[0])) if all(uses[model][i] != TRAINED for model in models)]
+
+
+def _find_errors(used: dict[Pair, list[AlignedRecording]]) -> dict[Pair, DifferenceErrors]:
+    """Return the errors of every pair that has not diverged on its recordings."""
+    groups: dict[tuple[int, ...], list[Pair]] = {}
+    for pair, recordings in used.items():
+        if not any(r.diverged[model] for r in recordings for model in pair):
+            groups.setdefault(tuple(map(id, recordings)), []).append(pair)
+    return {
+        pair: difference
+        for pairs in groups.values()
+        for pair, difference in zip(pairs, find_differences(used[pairs[0]], pairs), strict=True)
+    }
+
+
+def _difference(recordings: Sequence[AlignedRecording], errors: DifferenceErrors | None, level: float) -> Difference:
+    names = tuple(r.name for r in recordings)
+    if errors is None:
+        return Difference(names, float("nan"), None, None)
+    low, high = (None, None) if errors.is_too_short(level) else errors.interval(1.0 - level)
+    return Difference(names, errors.value, low, high)
+
+
+def _pair_result(
+    pair: Pair,
+    names: Sequence[str],
+    pooled: Difference,
+    each: tuple[Difference, ...],
+    p_value: float | None,
+    is_test: bool,
+) -> PairResult:
+    first, second = (names[model] for model in pair)
+    better, worse = pair[::-1] if pooled.value > 0.0 else pair
+    if np.isnan(pooled.value):
+        verdict, text = DIVERGED, "no difference: a free run diverged"
+    elif not is_test:
+        verdict, text = NO_TEST, "not a test: one of them was identified on each recording"
+    elif pooled.low is None or pooled.high is None:
+        verdict, text = SHORT, f"too short to know whether {first} and {second} differ"
+    elif pooled.low > 0.0 or pooled.high < 0.0:
+        verdict, text = BETTER, f"{names[better]} is better than {names[worse]}"
+    else:
+        verdict, text = SAME, f"{first} and {second} cannot be told apart"
+    return PairResult(*pair, pooled, each, p_value, verdict, better if verdict == BETTER else None, text)

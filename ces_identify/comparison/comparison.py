@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
@@ -12,20 +13,18 @@ from markupsafe import Markup
 from ces_data.checks.content import require_once
 from ces_data.recording import Recording
 from ces_identify.comparison.compared_models import (
-    TRAINED,
-    UNKNOWN,
-    AlignedRecording,
-    ComparedModel,
-    align,
-)
-from ces_identify.comparison.pair_results import (
     BETTER,
     DIVERGED,
     NO_TEST,
     SAME,
     SHORT,
+    TRAINED,
+    UNKNOWN,
+    AlignedRecording,
+    ComparedModel,
     Difference,
     PairResult,
+    align,
     compare_pairs,
     pooled_costs,
 )
@@ -110,8 +109,8 @@ class Comparison:
         """Recordings that charts show: as many as MAX_LINES allow, at least one, tests first, in their order."""
         count = max(1, MAX_LINES // (2 + 4 * len(self.drawn)))
         numbers = range(len(self.recordings))
-        first = sorted(numbers, key=lambda n: self.recordings[n].name not in self.test_names)
-        return tuple(sorted(first[:count]))
+        tests_first = sorted(numbers, key=lambda n: self.recordings[n].name not in self.test_names)
+        return tuple(sorted(tests_first[:count]))
 
     @property
     def by_cost(self) -> list[int]:
@@ -145,7 +144,7 @@ class Comparison:
     def notes_on_charts(self) -> list[str]:
         """Return which models and recordings the charts leave out."""
         models = [model.name for i, model in enumerate(self.models) if i not in self.drawn]
-        recordings = [one.name for n, one in enumerate(self.recordings) if n not in self.drawn_recordings]
+        recordings = [recording.name for n, recording in enumerate(self.recordings) if n not in self.drawn_recordings]
         notes = []
         if models:
             notes.append(
@@ -189,6 +188,22 @@ def compare(
     uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
     results, pairs = score_models(models, aligned, uses), compare_pairs(names, aligned, uses)
     return Comparison(tuple(results), tuple(aligned), tuple(pairs), part)
+
+
+def name_sources(sources: Sequence[str]) -> list[str]:
+    """Return a name for each path or specification: the file's stem, with its folders where stems are equal."""
+
+    def end_of(source: str, depth: int) -> str:
+        path = Path(source)
+        last = path.stem if path.suffix in (".json", ".yaml", ".yml") else path.name
+        return "/".join([*path.parts[-depth:-1], last])
+
+    names = []
+    for source in sources:
+        others = [other for other in sources if other != source]
+        depths = (n for n in range(1, 6) if all(end_of(source, n) != end_of(other, n) for other in others))
+        names.append(end_of(source, next(depths, 5)))
+    return names
 
 
 def score_models(
@@ -307,9 +322,10 @@ def p_text(p_value: float | None) -> str:
     return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
-def describe_interval(one: Difference, missing: str = NONE) -> str:
+def describe_interval(difference: Difference, missing: str = NONE) -> str:
     """Return the interval of a difference as text, `missing` without one."""
-    return missing if one.low is None or one.high is None else f"{format_signed(one.low)} to {format_signed(one.high)}"
+    low, high = difference.low, difference.high
+    return missing if low is None or high is None else f"{format_signed(low)} to {format_signed(high)}"
 
 
 def cost_table(comparison: Comparison) -> Table[int]:
@@ -317,10 +333,12 @@ def cost_table(comparison: Comparison) -> Table[int]:
     models, best, tests = comparison.models, comparison.best, comparison.test_names
 
     def above(i: int) -> str:
-        one = comparison.above_lowest(i)
-        if one is None:
+        difference = comparison.above_lowest(i)
+        if difference is None:
             return LOWEST if i == best else NONE
-        return SHORT if one.low is None else f"{format_signed(one.value)} ({describe_interval(one)})"
+        if difference.low is None:
+            return SHORT
+        return f"{format_signed(difference.value)} ({describe_interval(difference)})"
 
     columns: list[Column[int]] = [
         Column("Model", lambda i: models[i].name, short="model"),

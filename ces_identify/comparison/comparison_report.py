@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.comparison.compared_models import TRAINED, AlignedRecording
+from ces_identify.comparison.compared_models import TRAINED, AlignedRecording, Difference, PairResult
 from ces_identify.comparison.comparison import (
     Comparison,
     ModelResult,
@@ -24,7 +24,6 @@ from ces_identify.comparison.comparison import (
     headline,
     p_text,
 )
-from ces_identify.comparison.pair_results import Difference, PairResult
 from ces_identify.limits import ComparisonLimits
 from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, find_working_windows
@@ -64,7 +63,7 @@ def outside_percent(comparison: Comparison, model: int, missing: str) -> str:
     """Return the largest share [%] of a recording's ticks with some signal outside the model's envelope."""
     if comparison.models[model].model.model is None:
         return missing
-    shares = [max((one.outside_share for one in r.exits[model]), default=0.0) for r in comparison.recordings]
+    shares = [max((use.outside_share for use in r.exits[model]), default=0.0) for r in comparison.recordings]
     return f"{100 * max(shares):.1f}"
 
 
@@ -126,11 +125,11 @@ def pair_table(comparison: Comparison) -> Table[PairResult]:
     return Table(columns, comparison.pairs, "differences of J, first minus second")
 
 
-def difference_text(one: Difference) -> str:
+def difference_text(difference: Difference) -> str:
     """Return a difference with its interval, or why there is none."""
-    if not math.isfinite(one.value):
+    if not math.isfinite(difference.value):
         return "diverged"
-    return f"{format_signed(one.value)} ({describe_interval(one, TOO_SHORT)})"
+    return f"{format_signed(difference.value)} ({describe_interval(difference, TOO_SHORT)})"
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
@@ -165,7 +164,7 @@ def _model_facts(i: int, comparison: Comparison) -> dict[str, Any]:
                 "J_percent": cost.cost,
                 "ci95_percent": _ends(cost.interval),
                 "rms_N": cost.rms_N,
-                "outside_envelope": [asdict(one) for one in recording.exits[i]],
+                "outside_envelope": [asdict(use) for use in recording.exits[i]],
             }
             for cost, recording in zip(result.costs, comparison.recordings, strict=True)
         ],
@@ -182,16 +181,16 @@ def _pair_facts(pair: PairResult, names: list[str]) -> dict[str, Any]:
         "better": None if pair.better is None else names[pair.better],
         "p_value": pair.p_value,
         "pooled": _difference(pair.pooled),
-        "each": [_difference(one) for one in pair.each],
+        "each": [_difference(difference) for difference in pair.each],
         "text": pair.text,
     }
 
 
-def _difference(one: Difference) -> dict[str, Any]:
+def _difference(difference: Difference) -> dict[str, Any]:
     return {
-        "recordings": list(one.recordings),
-        "first_minus_second_percent": one.value,
-        "interval_percent": None if one.low is None else [one.low, one.high],
+        "recordings": list(difference.recordings),
+        "first_minus_second_percent": difference.value,
+        "interval_percent": None if difference.low is None else [difference.low, difference.high],
     }
 
 
@@ -274,9 +273,10 @@ def _draw_differences(comparison: Comparison) -> Markup:
     for pair in comparison.pairs:
         name = f"{comparison.models[pair.first].name} − {comparison.models[pair.second].name}"
         rows.append(_row(name, pair.pooled, "outline", starts=True))
-        for n, one in enumerate(pair.each if len(comparison.recordings) > 1 else ()):
+        for n, difference in enumerate(pair.each if len(comparison.recordings) > 1 else ()):
             trained = any(comparison.models[i].costs[n].use == TRAINED for i in (pair.first, pair.second))
-            rows.append(_row(f"{one.recordings[0]}{' (no test)' if trained else ''}", one, "envelope", starts=False))
+            name = f"{difference.recordings[0]}{' (no test)' if trained else ''}"
+            rows.append(_row(name, difference, "envelope", starts=False))
     title, label = "Differences of cost between the models", "J of the first minus J of the second [%]"
     return draw_intervals("differences", title, label, rows, zero=True)
 
@@ -292,10 +292,10 @@ def _draw_above_lowest(comparison: Comparison) -> Markup:
     return draw_intervals("differences", title, "J above the lowest [%]", rows, zero=True)
 
 
-def _row(name: str, one: Difference, css: str, *, starts: bool) -> IntervalRow:
+def _row(name: str, difference: Difference, css: str, *, starts: bool) -> IntervalRow:
     nan = float("nan")
-    low, high = (nan, nan) if one.low is None or one.high is None else (one.low, one.high)
-    return IntervalRow(name, low, high, one.value, difference_text(one), css, starts, not starts)
+    low, high = (nan, nan) if difference.low is None or difference.high is None else (difference.low, difference.high)
+    return IntervalRow(name, low, high, difference.value, difference_text(difference), css, starts, not starts)
 
 
 def _css(comparison: Comparison, i: int) -> str:

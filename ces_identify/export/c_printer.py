@@ -103,12 +103,12 @@ class Core:
 
     def _import(self, module: Module, node: ast.ImportFrom, source: str) -> None:
         home = self.modules.get(source.removeprefix(f"{TICK}."))
-        known: Mapping[str, Term | Function] = OF_MATH if source == "math" else home.names if home else {}
-        is_seen, what = known or source == f"{TICK}.arrays", "expected a name of math, or of a module before this one"
+        names: Mapping[str, Term | Function] = OF_MATH if source == "math" else home.names if home else {}
+        is_seen, what = names or source == f"{TICK}.arrays", "expected a name of math, or of a module before this one"
         for alias in node.names:
             module.require(node, bool(is_seen) and not alias.asname, f"{alias.name} of {source}: {what}, not renamed")
-            if alias.name in known:
-                module.names[alias.name] = known[alias.name]
+            if alias.name in names:
+                module.names[alias.name] = names[alias.name]
 
     def _constant(self, module: Module, node: ast.Assign) -> str:
         """Note a constant, or the places that a range counts; return its declaration."""

@@ -148,17 +148,17 @@ class FunctionPrinter(Expressions):
             return element.text
         if not isinstance(target, ast.Name):
             raise self.error(node)
-        name, known = target.id, self.locals.setdefault(target.id, value.type)
+        name, kind = target.id, self.locals.setdefault(target.id, value.type)
         self.require(node, name not in self.counters, f"{name} counts a loop, and is not changed in it")
-        what = f"{name} has type {WORDS[known]}, and type {WORDS[value.type]} here"
-        self.require(node, known == value.type, what)
+        what = f"{name} has type {WORDS[kind]}, and type {WORDS[value.type]} here"
+        self.require(node, kind == value.type, what)
         self.assigned |= {name}
         if name in self.declared:
             return name
         first, last = self.spans[name]
         is_here = node.lineno <= first and last <= self.block_end
-        self.declared[name] = "" if is_here else f"{known} {name};"
-        return f"{known} {name}" if is_here else name
+        self.declared[name] = "" if is_here else f"{kind} {name};"
+        return f"{kind} {name}" if is_here else name
 
     def _if(self, node: ast.If, word: str) -> None:
         self._put(f"{word} ({self.of_type(node.test, BOOL).text}) {{", node.test)

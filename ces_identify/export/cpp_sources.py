@@ -96,11 +96,11 @@ def print_sources() -> dict[str, str]:
 
 def list_parameters() -> list[Option]:
     """Return the parameters of the Python node that the C++ node has, too, and those of its signals."""
-    common = [replace(one, meaning=MEANINGS.get(one.name, one.meaning)) for one in (*OF_THE_NODE, *OF_A_DAMPER, NAME)]
-    listed = [one for one in common if one.name not in PYTHON_ONLY]
+    common = [option for option in (*OF_THE_NODE, *OF_A_DAMPER, NAME) if option.name not in PYTHON_ONLY]
+    listed = [replace(option, meaning=MEANINGS.get(option.name, option.meaning)) for option in common]
     for signal in ("position", "current", *MOTIONS):
         listed += signal_options(signal, DEFAULTS.get(signal, NOT_MEASURED) | NUMBERS)
-    return [one for one in listed if one.name != CONSTANT]
+    return [option for option in listed if option.name != CONSTANT]
 
 
 def parameter_library(name: str, options: Iterable[Option]) -> str:
@@ -137,7 +137,7 @@ def reason_header() -> str:
 def _as_yaml(value: Any, indent: str = "\n") -> str:
     """Return a value in YAML 1.1, in which a float has a point, unlike JSON's 1e+30."""
     if isinstance(value, dict):
-        return "".join(f"{indent}{json.dumps(key)}: {_as_yaml(one, indent + '  ')}" for key, one in value.items())
+        return "".join(f"{indent}{json.dumps(key)}: {_as_yaml(item, indent + '  ')}" for key, item in value.items())
     if isinstance(value, list):
         return f"[{', '.join(map(_as_yaml, value))}]"
     text = json.dumps(value, ensure_ascii=False, allow_nan=False)

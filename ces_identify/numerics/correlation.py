@@ -1,4 +1,4 @@
-"""Correlated sequences: their autocorrelation across gaps, and the standard error of their sum.
+"""Correlated sequences: their autocorrelation across gaps, the standard error of their sum; p-values of several tests.
 
 No product is taken across a gap. Sequences are arrays (n,) of concatenated runs; `runs` (r, 2) are the [start, stop) of
 each.
@@ -14,6 +14,8 @@ degrees of freedom. For anything faster, the error is too large, never too small
 SLOWEST_S by little.
 
 Where the slowest projections stand out even so (F test at ALARM), a bound of ALARM_SHARE of the recording counts.
+
+Several tests have Holm's correction (Scandinavian Journal of Statistics 6, 1979).
 """
 
 from __future__ import annotations
@@ -47,8 +49,8 @@ def find_runs(mask: Mask, segments: I) -> I:
     starts = np.zeros(len(mask), bool)
     starts[segments[:, 0]] = True
     starts[1:] |= ~mask[:-1]
-    first = np.flatnonzero(starts[mask])
-    return np.stack([first, np.append(first[1:], int(mask.sum()))], axis=1).astype(np.int64)
+    begins = np.flatnonzero(starts[mask])
+    return np.stack([begins, np.append(begins[1:], int(mask.sum()))], axis=1).astype(np.int64)
 
 
 def covariance(x: F, y: F, runs: I, max_lag: int) -> tuple[F, F]:
@@ -60,8 +62,8 @@ def covariance(x: F, y: F, runs: I, max_lag: int) -> tuple[F, F]:
     for start, stop in runs:
         n = int(stop - start)
         size = 1 << (n + max_lag).bit_length()
-        first = np.fft.rfft(x[start:stop], size)
-        spectrum = np.conj(first) * (first if y is x else np.fft.rfft(y[start:stop], size))
+        spectrum_x = np.fft.rfft(x[start:stop], size)
+        spectrum = np.conj(spectrum_x) * (spectrum_x if y is x else np.fft.rfft(y[start:stop], size))
         lags = min(max_lag, n - 1) + 1
         sums[:lags] += np.fft.irfft(spectrum, size)[:lags]
         pairs += np.maximum(n - np.arange(max_lag + 1), 0)
@@ -166,8 +168,8 @@ def relative_variances(share: float, count: int) -> F:
 def _is_slower(scaled: F) -> bool:
     """Return whether the slowest projections are larger than the assumed bound makes plausible."""
     slow = int(np.clip(len(scaled) // 3, 2, 3))
-    rest = float(scaled[slow:].mean())
-    return float(scaled[:slow].mean()) > rest * float(fdtri(slow, len(scaled) - slow, ErrorLimits.ALARM))
+    faster = float(scaled[slow:].mean())
+    return float(scaled[:slow].mean()) > faster * float(fdtri(slow, len(scaled) - slow, ErrorLimits.ALARM))
 
 
 def _add(parts: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -181,3 +183,27 @@ def _p_value(value: float, variance: float, freedom: float) -> float:
     if variance <= 0.0:
         return 1.0 if value == 0.0 else 0.0
     return float(2.0 * stdtr(freedom, -abs(value) / np.sqrt(variance)))
+
+
+def adjusted_p_values(p_values: Sequence[float]) -> list[float]:
+    """Return Holm's adjusted p-values, in the same order: a test is significant at a level if its value is below it."""
+    adjusted, largest = [0.0] * len(p_values), 0.0
+    for rank, i in enumerate(np.argsort(p_values, kind="stable")):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[i]))
+        adjusted[int(i)] = largest
+    return adjusted
+
+
+def step_levels(p_values: Sequence[float], alpha: float) -> list[float]:
+    """Return for each test the significance level of Holm's step that decided it.
+
+    An interval of 1 - that level excludes zero exactly if Holm's procedure at `alpha` calls the test significant: after
+    the first test that is not, all further ones share its level.
+    """
+    levels, level, going = [alpha] * len(p_values), alpha, True
+    for rank, i in enumerate(np.argsort(p_values, kind="stable")):
+        if going:
+            level = alpha / (len(p_values) - rank)
+            going = p_values[i] < level
+        levels[int(i)] = level
+    return levels

@@ -126,8 +126,8 @@ def _run_block(
                 n_used += 1
                 work[1 + slot, :n] = 0.0
         _add_product(powers, terms, t, coefficients[t], start, k0, k1, work[1 + slot])
-    one = n_used == 1 and k0 - used[0] >= start
-    if one and _recursion_of_one(inputs[:n], work[1, :n], force[k0 - used[0] : k1], used[0], low, high):
+    single_lag = n_used == 1 and k0 - used[0] >= start
+    if single_lag and _recursion_of_one(inputs[:n], work[1, :n], force[k0 - used[0] : k1], used[0], low, high):
         return k1
     for i in range(n):
         y = inputs[i]

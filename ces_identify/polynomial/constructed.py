@@ -51,14 +51,14 @@ def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
     of, _, text = spec.partition(":")
     of = VALVE if of == CURRENT and CURRENT not in rules.signals and VALVE in rules.signals else of
     smooth = [name for name, group in rules.constructed.items() if not isinstance(group[0], TriangularMembership)]
-    known = (*BASE, *smooth)
-    if of not in known:
-        raise CesError(f"'{spec}': expected SIGNAL:A,B,... with a signal among {', '.join(known)}")
+    signals = (*BASE, *smooth)
+    if of not in signals:
+        raise CesError(f"'{spec}': expected SIGNAL:A,B,... with a signal among {', '.join(signals)}")
     name = f"by_{of}"
     if name in rules.constructed:
         raise CesError(f"constructed input '{name}': is defined already; give --blend once for a signal")
     try:
-        peaks = [float(one) for one in text.split(",") if one]
+        peaks = [float(peak) for peak in text.split(",") if peak]
     except ValueError:
         raise CesError(f"'{spec}': expected numbers after the colon, with commas between") from None
     blended = [p for p in rules.products if len(set(p) - {"force"}) <= MAX_BLENDED_INPUTS]
@@ -83,47 +83,47 @@ def restrict_to_data(rules: CandidateRules, series: Sequence[Series]) -> Candida
     open time constant is assumed to have the range of its signal.
     """
     constructed = {
-        name: tuple(_fit_to_data(one, series, rules.open_lags) for one in group)
+        name: tuple(_fit_to_data(definition, series, rules.open_lags) for definition in group)
         for name, group in rules.constructed.items()
     }
     return replace(rules, constructed=constructed)
 
 
-def _fit_to_data(one: ConstructedInput, series: Sequence[Series], open_lags: Sequence[str]) -> ConstructedInput:
-    if isinstance(one, TriangularMembership):
-        base = None if one.base is None else _fit_to_data(one.base, series, open_lags)
+def _fit_to_data(definition: ConstructedInput, series: Sequence[Series], open_lags: Sequence[str]) -> ConstructedInput:
+    if isinstance(definition, TriangularMembership):
+        base = None if definition.base is None else _fit_to_data(definition.base, series, open_lags)
         lag = base if isinstance(base, Lag) and base.name in open_lags else None
-        data = _scored_values(lag.of, None, series) if lag else _scored_values(one.of, base, series)
-        if not data.min() <= one.peak <= data.max():
+        data = _scored_values(lag.of, None, series) if lag else _scored_values(definition.of, base, series)
+        if not data.min() <= definition.peak <= data.max():
             raise CesError(
-                f"{one.name}: peaks at {one.of} {one.peak:g}, outside the data's {data.min():g} to {data.max():g}; "
-                "expected peaks between"
+                f"{definition.name}: peaks at {definition.of} {definition.peak:g}, outside the data's {data.min():g} "
+                f"to {data.max():g}; expected peaks between"
             )
-        return replace(one, base=base)
-    if isinstance(one, Frequency):
-        (low, high), data = one.range_Hz, _scored_values(one.name, one, series)
+        return replace(definition, base=base)
+    if isinstance(definition, Frequency):
+        (low, high), data = definition.range_Hz, _scored_values(definition.name, definition, series)
         margin = MARGIN * float(np.ptp(data))
         narrow = max(low, float(data.min()) - margin), min(high, float(data.max()) + margin)
         if not narrow[0] < narrow[1]:
             raise CesError(
-                f"{one.name}: the data stay at {data.min():g} Hz; expected motion within {low:g}-{high:g} Hz"
+                f"{definition.name}: the data stay at {data.min():g} Hz; expected motion within {low:g}-{high:g} Hz"
             )
-        return replace(one, range_Hz=narrow)
-    data = _scored_values(one.of, None, series)
-    if isinstance(one, Hysteresis) and 2.0 * one.half_width >= np.ptp(data):
+        return replace(definition, range_Hz=narrow)
+    data = _scored_values(definition.of, None, series)
+    if isinstance(definition, Hysteresis) and 2.0 * definition.half_width >= np.ptp(data):
         raise CesError(
-            f"{one.name}: half width {one.half_width:g} spans all of the data's {one.of}, "
+            f"{definition.name}: half width {definition.half_width:g} spans all of the data's {definition.of}, "
             f"{data.min():g} to {data.max():g}; expected a narrower hysteresis"
         )
-    return one
+    return definition
 
 
 def _scored_values(signal: str, definition: ConstructedInput | None, series: Sequence[Series]) -> F:
     """Return the values (n,) of a signal on all scored ticks."""
     definitions, values = [] if definition is None else [definition], []
     for s in series:
-        known = signal_values(definitions, ANYTHING, (s.position, s.speed, s.current), s.segments, s.rate_Hz)
-        values.append(known[signal][s.scored])
+        by_signal = signal_values(definitions, ANYTHING, (s.position, s.speed, s.current), s.segments, s.rate_Hz)
+        values.append(by_signal[signal][s.scored])
     return np.concatenate(values)
 
 
@@ -150,13 +150,13 @@ def find_time_constants(
 
     for name in rules.open_lags:
         guess, tried = FIRST_GUESS_S, list[float]()
-        while len(tried) < GUESSES and not any(NEAR[0] < guess / one < NEAR[1] for one in tried):
+        while len(tried) < GUESSES and not any(NEAR[0] < guess / earlier < NEAR[1] for earlier in tried):
             tried.append(guess)
             rules = rules.with_time_constant(name, guess)
-            found = _search_shortly(problem(name, guess), limits.within(end))
+            model = _search_shortly(problem(name, guess), limits.within(end))
             if clock_s() > end:
                 break
-            cost = cache(partial(_cost_after_refit, partial(problem, name), found))
+            cost = cache(partial(_cost_after_refit, partial(problem, name), model))
             best = GRID_S.index(min(GRID_S[1::EVERY], key=cost))
             guess = min(GRID_S[max(0, best - AROUND) : best + AROUND + 1], key=cost)
         rules = rules.with_time_constant(name, guess)
@@ -183,7 +183,7 @@ def add_stroke_if_needed(
     kept = tuple(p for p in blended.products if not {"force", BY_STROKE} <= set(p))  # else most proofs fail
     blended = replace(blended, products=kept)
     end = clock_s() + limits.time
-    tried = (_coarse_problem(one, series, stable, weighting) for one in (rules, blended))
+    tried = (_coarse_problem(compared, series, stable, weighting) for compared in (rules, blended))
     costs = [_search_shortly(problem, limits.within(end)).cost for problem in tried]
     return blended if costs[1] < ChoiceLimits.SUB_MODEL_GAIN * costs[0] and clock_s() <= end else rules
 

@@ -114,7 +114,7 @@ class CompiledTerms:
     def ranges(self, envelope: Envelope) -> dict[str, Range]:
         """Return the range of every signal, constructed ones included."""
         ranges = dict(envelope.by_signal)
-        return ranges | {one.name: one.range(ranges) for one in self.constructed}
+        return ranges | {definition.name: definition.range(ranges) for definition in self.constructed}
 
     def kinks(self, signal: str) -> list[float]:
         """Return the values at which the memberships of a signal change slope, ascending."""
@@ -122,7 +122,7 @@ class CompiledTerms:
 
     @property
     def _memberships(self) -> dict[str, TriangularMembership]:
-        return {one.name: one for one in self.constructed if isinstance(one, TriangularMembership)}
+        return {hat.name: hat for hat in self.constructed if isinstance(hat, TriangularMembership)}
 
 
 def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
@@ -238,8 +238,8 @@ def assemble_problem(
     With `stable`, only models that are contractions at the probed inputs are considered. `weighting` applies to fit and
     cost.
     """
-    for one in series:
-        require_force(one)
+    for recorded in series:
+        require_force(recorded)
     envelope = compute_envelope(series)
     compiled = compile_terms(candidates)
     inputs = [np.concatenate([getattr(s, name) for s in series]) for name in BASE]
@@ -257,13 +257,13 @@ def assemble_problem(
         raise RecordingError(
             f"{np.count_nonzero(one_step)} estimation ticks; expected at least {TickLimits.MIN_ERRORS}: record longer"
         )
-    known = measured[everything > 0]
-    margin = EXTENSION * float(np.ptp(known))
+    forces = measured[everything > 0]
+    margin = EXTENSION * float(np.ptp(forces))
     return Problem(
         candidates=tuple(candidates),
         compiled=compiled,
         envelope=envelope,
-        force_envelope=(min(float(known.min()) - margin, 0.0), max(float(known.max()) + margin, 0.0)),
+        force_envelope=(min(float(forces.min()) - margin, 0.0), max(float(forces.max()) + margin, 0.0)),
         powers=powers,
         measured=measured,
         segments=segments,
@@ -307,18 +307,18 @@ def _spread_points(ranges: Sequence[Range], kinks: Sequence[Sequence[float]]) ->
     if not ranges:
         return np.empty((0, 1))
     if len(ranges) <= 2:
-        axes = [_from_zero(np.linspace(0.0, 1.0, n), one) for n, one in zip((81, 13), ranges[::-1], strict=False)]
-        axes = [np.union1d(x, np.clip(at, *one)) for x, at, one in zip(axes, kinks[::-1], ranges[::-1], strict=True)]
+        axes = [_from_zero(np.linspace(0.0, 1.0, n), ends) for n, ends in zip((81, 13), ranges[::-1], strict=False)]
+        axes = [np.union1d(x, np.clip(at, *ends)) for x, at, ends in zip(axes, kinks[::-1], ranges[::-1], strict=True)]
         return np.array([axis.ravel() for axis in np.meshgrid(*axes)])[::-1].copy()
     from scipy.stats import qmc  # takes a third of the time in which `ces identify` starts
 
     inside = qmc.Sobol(len(ranges), seed=0).random(1024).T
-    return np.array([_from_zero(unit, one) for unit, one in zip(inside, ranges, strict=True)])
+    return np.array([_from_zero(unit, ends) for unit, ends in zip(inside, ranges, strict=True)])
 
 
-def _from_zero(unit: F, one: Range) -> F:
-    """Return the numbers at the shares `unit` of the range `one`, denser towards zero if it contains zero."""
-    low, high = one
+def _from_zero(unit: F, ends: Range) -> F:
+    """Return the numbers at the shares `unit` of the range `ends`, denser towards zero if it contains zero."""
+    low, high = ends
     if not low < 0.0 < high:
         return low + (high - low) * unit
     side = 2.0 * unit - 1.0
@@ -352,13 +352,14 @@ def _fit_weights(series: Sequence[Series], compiled: CompiledTerms, weighting: W
     """Return the least-squares weights (ticks,): 0 off the estimation ticks and where a past force was not measured."""
     depth = int(compiled.arrays.outputs.max(initial=0))
     weights = []
-    for one in series:
-        known = np.isfinite(one.force)
-        usable = known.copy()
+    for recorded in series:
+        finite = np.isfinite(recorded.force)
+        usable = finite.copy()
         for lag in range(1, depth + 1):
-            usable[lag:] &= known[:-lag]
-        for start, _ in one.segments:
+            usable[lag:] &= finite[:-lag]
+        for start, _ in recorded.segments:
             usable[start : start + depth] = False
-        scale = _weights(one, one.scored, weighting).sum() / max(weighting.tick_weights(one)[one.scored].sum(), 1e-300)
-        weights.append(np.where(usable & estimation_ticks(one), scale * weighting.tick_weights(one), 0.0))
+        own = weighting.tick_weights(recorded)
+        scale = _weights(recorded, recorded.scored, weighting).sum() / max(own[recorded.scored].sum(), 1e-300)
+        weights.append(np.where(usable & estimation_ticks(recorded), scale * own, 0.0))
     return np.concatenate(weights)

@@ -181,7 +181,7 @@ class GaussNewtonStart(SearchStart):
                 return None
             self.trials += 1
             grown.append((chosen, self._fit(chosen, coefficients, STEPS)))
-        for chosen, fit in sorted(grown, key=lambda one: one[1].error):
+        for chosen, fit in sorted(grown, key=lambda pair: pair[1].error):
             trial = self._evaluate(chosen, fit)
             if trial.cost < bound:
                 return trial
@@ -222,16 +222,16 @@ class GaussNewtonStart(SearchStart):
     def _rank_candidates(self, model: SearchResult) -> list[tuple[I, F]]:
         """Return the models with one more term, its coefficient 0, of greatest first-order gain, best first."""
         p = self.problem
-        rest = np.setdiff1d(np.arange(len(p.candidates)), model.chosen)
-        rest = rest[self.random.random(len(rest)) < (1.0 if self.seed == self.limits.seed else PART)]
-        if not len(rest):
+        tried = np.setdiff1d(np.arange(len(p.candidates)), model.chosen)
+        tried = tried[self.random.random(len(tried)) < (1.0 if self.seed == self.limits.seed else PART)]
+        if not len(tried):
             return []
         terms, arrays = p.compiled.subset(model.chosen), p.compiled.arrays
         lags = np.unique(terms.outputs[terms.outputs > 0])
         force, _ = kernels.free_run(p.powers, p.segments, terms, model.coefficients, p.force_envelope)
         gains = output_gains(p.powers, p.segments, terms, model.coefficients, lags)
         run, error = (p.powers, p.segments, force, arrays), p.measured - force
-        products = candidate_products(*run, model.chosen, rest, gains, lags, self._sampled_weights, error)
+        products = candidate_products(*run, model.chosen, tried, gains, lags, self._sampled_weights, error)
         matrix, gradient, cross, own = products
         inverse = _inverse(matrix)
         moved = cross @ inverse
@@ -240,7 +240,7 @@ class GaussNewtonStart(SearchStart):
         independent = rest_of_own > DEPENDENT * own[:, 0]
         gain = np.where(independent, rest_of_error**2 / np.where(independent, rest_of_own, 1.0), 0.0)
         best = [i for i in np.argsort(-gain)[:FITS_PER_STEP] if gain[i] > 0.0]
-        return [(np.append(model.chosen, rest[i]), np.append(model.coefficients, 0.0)) for i in best]
+        return [(np.append(model.chosen, tried[i]), np.append(model.coefficients, 0.0)) for i in best]
 
 
 def _inverse(matrix: F) -> F:

@@ -152,5 +152,5 @@ def _parse_region(word: str) -> Region:
 
 
 def _stroke_of(series: Series) -> Range:
-    known = series.position[series.scored]
-    return float(known.min()), float(known.max())
+    positions = series.position[series.scored]
+    return float(positions.min()), float(positions.max())

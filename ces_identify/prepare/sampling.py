@@ -157,12 +157,13 @@ def _most_likely(
     """
     least = max(SamplingLimits.MIN_NOISE * sampling.speed_m_s / sampling.rate_Hz, 1e-9)
     white = max(np.sqrt(0.5 * density * sampling.rate_Hz), least)
-    limit, found = SamplingLimits.HIGHEST_SHARE * sampling.rate_Hz, []
+    limit, candidates = SamplingLimits.HIGHEST_SHARE * sampling.rate_Hz, []
     for frequencies in modes:
-        known = tuple(f for f in frequencies if f <= limit) or (limit,)
-        found.append(_most_likely_noise(recordings, replace(sampling, frequencies_Hz=known), white))
-    likeliest = max(found, key=lambda one: one[0])
-    _, innovation, chosen = likeliest if likeliest[0] > found[0][0] + SamplingLimits.MIN_LIKELIHOOD_GAIN else found[0]
+        usable = tuple(f for f in frequencies if f <= limit) or (limit,)
+        candidates.append(_most_likely_noise(recordings, replace(sampling, frequencies_Hz=usable), white))
+    likeliest = max(candidates, key=lambda candidate: candidate[0])
+    is_likelier = likeliest[0] > candidates[0][0] + SamplingLimits.MIN_LIKELIHOOD_GAIN
+    _, innovation, chosen = likeliest if is_likelier else candidates[0]
     return chosen, innovation
 
 
@@ -172,13 +173,13 @@ def _most_likely_noise(
     """Return the greatest likelihood over NOISES, the RMS [m] of the innovations there, and the sampling."""
     best = (-np.inf, 0.0, sampling)
     for share in NOISES:
-        one = replace(sampling, noise_m=float(f"{share * white:.3g}"))
-        runs = [_track(recording, one) for recording in recordings]
+        trial = replace(sampling, noise_m=float(f"{share * white:.3g}"))
+        runs = [_track(recording, trial) for recording in recordings]
         innovation = max(float(np.sqrt(np.nanmean(run.innovations**2))) for run in runs)
-        likelihood = float(np.mean([run.likelihood for run in runs])) - np.log(one.noise_m)
+        likelihood = float(np.mean([run.likelihood for run in runs])) - np.log(trial.noise_m)
         if likelihood < best[0]:
             break  # it has one maximum
-        best = likelihood, innovation, one
+        best = likelihood, innovation, trial
     return best
 
 
@@ -220,7 +221,7 @@ def believed_stroke(recordings: Sequence[Recording]) -> tuple[float, float]:
 
 def _require_rate(recordings: Sequence[Recording], rates: Sequence[float], rate_Hz: float | None) -> None:
     """Raise RecordingError for a rate above that of the slowest positions."""
-    slowest, name = min(zip(rates, (recording.name for recording in recordings), strict=True), key=lambda one: one[0])
+    slowest, name = min(zip(rates, (recording.name for recording in recordings), strict=True), key=lambda pair: pair[0])
     if rate_Hz is not None and rate_Hz > SamplingLimits.RATE_SLACK * slowest:
         data = f"the positions in {name} are at {slowest:.5g} Hz"
         raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
@@ -235,8 +236,8 @@ def choose_motion(recordings: Sequence[Recording], speed: str | None = None) -> 
     if speed == MEASURED and (lacks := next((r.name for r in recordings if SPEED not in r.channels), "")):
         raise RecordingError(f"{lacks}: no measured speed; describe 'speed' in the signals file, or remove --speed")
     names = [r.channels.keys() - r.optional for r in recordings] if speed is None else []
-    found = next((name for name in (SPEED, ACCELERATION) if all(name in one for one in names)), "")
-    return found if speed is None else SPEED if speed == MEASURED else ""
+    signal = next((name for name in (SPEED, ACCELERATION) if all(name in own for own in names)), "")
+    return signal if speed is None else SPEED if speed == MEASURED else ""
 
 
 def describe_motion(recordings: Sequence[Recording], motion: str) -> str:

@@ -26,24 +26,8 @@ from ces_observer.structures.structure import Range
 from ces_observer.tick import tracker
 from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TOTAL
 from ces_observer.tick.tracker import (
-    AHEAD,
-    BEYOND_STROKE,
-    INNOVATION,
-    LAST_TICK,
-    LATE_AT,
-    LATE_KNOWN,
-    MAX_GAP_NS,
-    MAX_MOTION,
-    OK,
-    OLD_POSITION,
-    OLD_SPEED,
-    ORIGIN,
-    OUT_OF_ORDER,
-    OUTLIER,
-    PATIENCE,
-    RESTARTED,
-    TICKS,
-    UNSETTLED,
+    AHEAD, BEYOND_STROKE, INNOVATION, LAST_TICK, LATE_AT, LATE_KNOWN, MAX_GAP_NS, MAX_MOTION, OK, OLD_POSITION,
+    OLD_SPEED, ORIGIN, OUT_OF_ORDER, OUTLIER, PATIENCE, RESTARTED, TICKS, UNSETTLED,
 )  # fmt: skip
 
 
@@ -190,8 +174,8 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
         getattr(tracked, name) for name in ("ticks", "late", "stamps_ns", "total", "status")
     )
     del tracked  # here and below: an hour at 1 kHz is 30 MB an array
-    known = np.isfinite(late[:, 1])
-    position, speed = (np.where(known, late[:, i], ticks[:, i]) for i in (0, 1))
+    has_speed = np.isfinite(late[:, 1])
+    position, speed = (np.where(has_speed, late[:, i], ticks[:, i]) for i in (0, 1))
     del ticks, late
     current = np.repeat(samples.current, np.diff(total, prepend=0))
     time_s, dropped = (stamps_ns - samples.stamps_ns[0]) * 1e-9, samples.dropped
@@ -227,7 +211,7 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
         current=current,
         force=force,
         segments=segments.astype(np.int64),
-        scored=(since_start >= warm_up) & np.isfinite(force) & known,
+        scored=(since_start >= warm_up) & np.isfinite(force) & has_speed,
         warm_up=warm_up,
         dropped=dropped,
     )

@@ -106,8 +106,8 @@ def write_report(
 def _draw_first(ordered: Sequence[Evaluation]) -> Markup:
     """Return a picture of the first recording with the highest cost, of validation if there is one."""
     finite = [e for e in ordered if math.isfinite(e.cost)]
-    first = max(finite, key=lambda e: (e.role == VALIDATION, e.cost), default=None)
-    return Markup() if first is None else draw_picture(first, choose_window(first))
+    worst = max(finite, key=lambda e: (e.role == VALIDATION, e.cost), default=None)
+    return Markup() if worst is None else draw_picture(worst, choose_window(worst))
 
 
 def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int], points: int) -> dict[str, Any]:

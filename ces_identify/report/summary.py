@@ -108,11 +108,11 @@ def _describe_trust(model: Model, held_out: Sequence[Evaluation]) -> str:
     if bound is not None and "|force|" not in proof:
         loose = " (a loose bound)" if bound > VerdictLimits.LOOSE * max(map(abs, model.force_envelope_N)) else ""
         proof += f"; |force| at most {three_figures(bound / 1000.0)} kN{loose}"
-    known = "{:.2f} to {:.2f} m/s".format(*model.envelope.speed_m_s)
+    ranges = "{:.2f} to {:.2f} m/s".format(*model.envelope.speed_m_s)
     ends = dict.fromkeys(f"{end:.3g}" for end in model.envelope.current_A)
-    known += f" and {' to '.join(ends)} A"
+    ranges += f" and {' to '.join(ends)} A"
     road = 100.0 * _share_of_road(model.envelope)
-    text = f"{proof}. It knows {known}; its speeds hold {road:.1f} % of the time on a class C road at 60 km/h"
+    text = f"{proof}. It knows {ranges}; its speeds hold {road:.1f} % of the time on a class C road at 60 km/h"
     outside = max((e.outside_share for e in held_out), default=0.0)
     text += f"; up to {100.0 * outside:.1f} % of a validation recording is outside." if outside else "."
     coverage = [e.coverage for e in held_out if e.coverage is not None]
@@ -155,10 +155,9 @@ def _describe_alternative(model: Model, command: str) -> Answers:
     if not advise(costs, chosen):
         return []
     best = min(costs, key=lambda name: costs[name])
-    found = f"{best}: J {three_figures(costs[best])} % on data left out, {chosen} {three_figures(costs[chosen])} %"
-    return [
-        ("Another structure?", f"{found} (a short fit). This takes it:", _with(command or "ces identify BAG...", best))
-    ]
+    comparison = f"{best}: J {three_figures(costs[best])} % on data left out, {chosen} {three_figures(costs[chosen])} %"
+    command = _with(command or "ces identify BAG...", best)
+    return [("Another structure?", f"{comparison} (a short fit). This takes it:", command)]
 
 
 def _with(command: str, structure: str) -> str:

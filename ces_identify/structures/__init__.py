@@ -21,7 +21,7 @@ from ces_report.typesetting import ModelTable
 
 def _find_kit(body: type[Structure]) -> StructureKit[Any]:
     module = import_module(f"{__name__}.{body.__module__.rpartition('.')[2]}")
-    return next(one for one in vars(module).values() if isinstance(one, StructureKit))
+    return next(value for value in vars(module).values() if isinstance(value, StructureKit))
 
 
 _ALL = {body.option: _find_kit(body) for body in STRUCTURES.values()}

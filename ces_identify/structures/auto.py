@@ -41,14 +41,14 @@ class BestStructure:
     ) -> Fitted:
         """Return the best model, or the mean of the best; raises CesError if no structure can be fitted."""
         run = _Fits(self.sizes, series, sampling, options, listener)
-        scored_s = sum(float(one.scored.sum()) / one.rate_Hz for one in series)
+        scored_s = sum(float(recorded.scored.sum()) / recorded.rate_Hz for recorded in series)
         usual = [name for name, kit in KITS.items() if kit.auto_work > 0.0 and kit.auto_s <= scored_s]
         work = {name: KITS[name].auto_work or 1.0 for name in self.names or usual}
         whole = [name for name in work if work[name] >= 1.0]
         run.fit_side_by_side(whole, len(whole) / len(work))
-        rest = [name for name in work if name not in whole]
-        for k, name in enumerate(rest):
-            run.fit(name, work[name], 1.0 / (len(rest) - k))
+        shorter = [name for name in work if name not in whole]
+        for k, name in enumerate(shorter):
+            run.fit(name, work[name], 1.0 / (len(shorter) - k))
         for name in [name for name in run.alike() if 0.0 < KITS[name].auto_work < 1.0]:
             run.fit(name, 1.0, 1.0)
         if not run.found:
@@ -122,7 +122,7 @@ class _Fits:
 
 def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
     """Return the only fit of `alike`, or the mean of these by 1 / J, with all costs for the provenance."""
-    costs = dict(sorted(((name, fitted.results[0].cost) for name, fitted in fits.items()), key=lambda one: one[1]))
+    costs = dict(sorted(((name, fitted.results[0].cost) for name, fitted in fits.items()), key=lambda pair: pair[1]))
     shares = [1.0 / max(costs[name], 1e-9) for name in alike]
     weights = [share / sum(shares) for share in shares]
     taken = " and ".join(f"{name} ({weight:.2f})" for name, weight in zip(alike, weights, strict=True))
@@ -130,16 +130,20 @@ def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
     if len(alike) > 1:
         reason = f"the mean of {taken} is taken, which cost at most {ChoiceLimits.ALIKE:g} times as much as the best"
     facts = {"structure": " and ".join(alike), "structures": _round_costs(costs), REASON: reason}
-    first = fits[alike[0]]
+    best = fits[alike[0]]
     if len(alike) == 1:
-        return replace(first, how={**first.how, **facts})
+        return replace(best, how={**best.how, **facts})
     members = [fits[name] for name in alike]
     return Fitted(
-        mean_of([one.model for one in members], weights),
-        [result for one in members for result in one.results],
-        {"method": "mean of several structures", "parameters": sum(one.how["parameters"] for one in members), **facts},
+        mean_of([member.model for member in members], weights),
+        [result for member in members for result in member.results],
+        {
+            "method": "mean of several structures",
+            "parameters": sum(member.how["parameters"] for member in members),
+            **facts,
+        },
         partial(_refit_mean, members, weights),
-        all(one.leave_out_recordings for one in members),
+        all(member.leave_out_recordings for member in members),
     )
 
 
@@ -148,7 +152,7 @@ def mean_of(models: Sequence[Model], weights: Sequence[float]) -> Model:
     members = []
     for model, weight in zip(models, weights, strict=True):
         own = model.body.members if isinstance(model.body, Mixture) else ()
-        members += [replace(one, weight=weight * one.weight) for one in own]
+        members += [replace(member, weight=weight * member.weight) for member in own]
         members += [] if own else [WeightedModel(weight, model.body, model.force_envelope_N)]
     lows, highs = zip(*(model.force_envelope_N for model in models), strict=True)
     mean = Model(models[0].sampling, Mixture(tuple(members)), models[0].envelope, (min(lows), max(highs)))
@@ -157,9 +161,9 @@ def mean_of(models: Sequence[Model], weights: Sequence[float]) -> Model:
 
 
 def _refit_mean(members: Sequence[Fitted], weights: Sequence[float], ticks: F) -> Model | None:
-    models = [one.refit(ticks) for one in members if one.refit is not None]
-    known = [model for model in models if model is not None]
-    return mean_of(known, weights) if len(known) == len(members) else None
+    models = [member.refit(ticks) for member in members if member.refit is not None]
+    refitted = [model for model in models if model is not None]
+    return mean_of(refitted, weights) if len(refitted) == len(members) else None
 
 
 def physical_structures() -> list[str]:

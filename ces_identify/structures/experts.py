@@ -41,12 +41,7 @@ from ces_observer.structures.experts import MAX_EXPERTS, Expert, Experts
 from ces_observer.structures.lagged_signals import longest_lags
 from ces_observer.structures.mixture import Mixture, WeightedModel
 from ces_observer.tick.experts import (
-    EXPERTS_COUNT,
-    EXPERTS_GAINS,
-    EXPERTS_LAYER,
-    EXPERTS_OUTPUTS,
-    EXPERTS_SCALE,
-    experts_force,
+    EXPERTS_COUNT, EXPERTS_GAINS, EXPERTS_LAYER, EXPERTS_OUTPUTS, EXPERTS_SCALE, experts_force,
 )  # fmt: skip
 from ces_observer.tick.lagged import LAGGED_PHI
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
@@ -290,10 +285,10 @@ def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], 
     )
     heads = (Markup("Expert"), *(signal_symbol(r.signal, r.lag) for r in body.inputs), Markup("Fades in [ms]"))
     rows = []
-    for number, one in enumerate(body.experts, 1):
-        slowest = max(one.past, one.past + one.past_bend)
+    for number, expert in enumerate(body.experts, 1):
+        slowest = max(expert.past, expert.past + expert.past_bend)
         fades = 1e3 / (-log(slowest) * model.sampling.rate_Hz) if 0.0 < slowest < 1.0 else 0.0
-        forces = (four_figures(body.scale_N * weight) for weight in one.linear[:-1])
+        forces = (four_figures(body.scale_N * weight) for weight in expert.linear[:-1])
         rows.append((Markup("{}").format(number), *forces, four_figures(fades)))
     symbols = describe_signals((r.signal for r in body.inputs), model.sampling.rate_Hz)
     return parameter_table(about, heads, tuple(rows), symbols)

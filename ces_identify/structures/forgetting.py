@@ -92,12 +92,12 @@ def measure_forgetting(
     Without `pasts`, only starts anew along the recordings are run. `run` is the batch run of the model.
     """
     chosen = sorted(series, key=len)[-SERIES:]
-    runs = [(one, run(model, _inputs(one), one.segments)[0]) for one in chosen]
+    runs = [(recorded, run(model, _inputs(recorded), recorded.segments)[0]) for recorded in chosen]
     spread = float(np.std(np.concatenate([force for _, force in runs])))
     left = _left_of_pasts(partial(run, model), _Courses(model, chosen, after_s), spread) if pasts else {}
     low, high = model.force_envelope_N
     limit_N = ForgettingLimits.LEFT * spread
-    settles = max(_settling_s(partial(run, model), one, force, limit_N, after_s) for one, force in runs)
+    settles = max(_settling_s(partial(run, model), recorded, force, limit_N, after_s) for recorded, force in runs)
     return Forgetting(PASTS if pasts else 0, after_s, left, spread, high - low, settles)
 
 
@@ -159,22 +159,22 @@ class _Courses:
     def pasts(self) -> list[Course]:
         """Return PASTS pasts of the same length."""
         ends = (self.currents[0], self.currents[-1])
-        found = [self.hold(at, current, self.past) for at in (self.low, self.high) for current in ends]
+        courses = [self.hold(at, current, self.past) for at in (self.low, self.high) for current in ends]
         for speed in (self.fastest, SLOW * self.fastest):
-            found += [self.triangle(s * speed, current, self.past) for s in (1.0, -1.0) for current in ends]
-        found += [one for one in (self.piece(self.past) for _ in range(4)) if one is not None]
-        return found + [self.noise() for _ in range(PASTS - len(found))]
+            courses += [self.triangle(s * speed, current, self.past) for s in (1.0, -1.0) for current in ends]
+        courses += [piece for piece in (self.piece(self.past) for _ in range(4)) if piece is not None]
+        return courses + [self.noise() for _ in range(PASTS - len(courses))]
 
     def same_inputs(self) -> list[tuple[str, Course]]:
         """Return what follows all pasts, by kind."""
         middle, half = 0.5 * (self.low + self.high), self.currents[len(self.currents) // 2]
-        rest = [(middle, current) for current in self.currents] + [(at, half) for at in (self.low, self.high)]
+        rests = [(middle, current) for current in self.currents] + [(at, half) for at in (self.low, self.high)]
         crossing = (self.high - self.low) * self.rate / self.same
-        found = [("rest", self.hold(at, current, self.same)) for at, current in rest]
-        found += [("constant speed", self.triangle(s * crossing, half, self.same)) for s in (1.0, -1.0)]
-        found.append(("slow triangles", self.triangle(SLOW * self.fastest, half, self.same)))
-        pieces = [self.piece(self.same, one) for one in self.series]
-        return found + [("recordings", one) for one in pieces if one is not None]
+        courses = [("rest", self.hold(at, current, self.same)) for at, current in rests]
+        courses += [("constant speed", self.triangle(s * crossing, half, self.same)) for s in (1.0, -1.0)]
+        courses.append(("slow triangles", self.triangle(SLOW * self.fastest, half, self.same)))
+        pieces = [self.piece(self.same, recorded) for recorded in self.series]
+        return courses + [("recordings", piece) for piece in pieces if piece is not None]
 
     def hold(self, position: float, current: float, ticks: int) -> Course:
         """Return rest at a position and a current."""
@@ -203,12 +203,12 @@ class _Courses:
 
     def piece(self, ticks: int, series: Series | None = None) -> Course | None:
         """Return a piece of a recording from anywhere; None if it has none of this length without a gap."""
-        one = self.series[int(self.random.integers(len(self.series)))] if series is None else series
-        first, stop = one.segments[np.diff(one.segments)[:, 0].argmax()]
+        chosen = self.series[int(self.random.integers(len(self.series)))] if series is None else series
+        first, stop = chosen.segments[np.diff(chosen.segments)[:, 0].argmax()]
         if stop - first < ticks:
             return None
         at = int(self.random.integers(first, stop - ticks + 1))
-        return _inputs(one)[:, at : at + ticks]
+        return _inputs(chosen)[:, at : at + ticks]
 
     def join(self, past: Course, same: Course) -> Course:
         """Return a past, the way from its end to the beginning of what follows, and that."""

@@ -29,19 +29,8 @@ from ces_observer.options import Option
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
 from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.tick.fuzzy import (
-    FUZZY_BELLS,
-    FUZZY_CHOICES,
-    FUZZY_FIRED,
-    FUZZY_FIRINGS,
-    FUZZY_LAYER,
-    FUZZY_MEMBERSHIPS,
-    FUZZY_OUTPUTS,
-    FUZZY_OWNERS,
-    FUZZY_PREMISES,
-    FUZZY_RULES,
-    FUZZY_SCALE,
-    FUZZY_SHAPES,
-    fuzzy_force,
+    FUZZY_BELLS, FUZZY_CHOICES, FUZZY_FIRED, FUZZY_FIRINGS, FUZZY_LAYER, FUZZY_MEMBERSHIPS, FUZZY_OUTPUTS, FUZZY_OWNERS,
+    FUZZY_PREMISES, FUZZY_RULES, FUZZY_SCALE, FUZZY_SHAPES, fuzzy_force,
 )  # fmt: skip
 from ces_observer.tick.lagged import LAGGED_PHI
 from ces_report.typesetting import (
@@ -129,8 +118,8 @@ class FuzzyFit(training.Family):
     @cached_property
     def rules(self) -> I:
         """The membership that each rule uses of each premise: all combinations."""
-        first = np.cumsum([0, *(g.memberships for g in self.grid)])
-        return np.array(list(product(*(range(a, b) for a, b in pairwise(first)))), np.int64)
+        begins = np.cumsum([0, *(g.memberships for g in self.grid)])
+        return np.array(list(product(*(range(a, b) for a, b in pairwise(begins)))), np.int64)
 
     @property
     def columns(self) -> tuple[Regressor, ...]:
@@ -165,9 +154,9 @@ class FuzzyFit(training.Family):
 
     def smaller(self) -> FuzzyFit | None:
         """Return the models with two memberships of speed less, None below MIN_SPEEDS."""
-        first, *others = self.grid
-        fewer = first.memberships - 2
-        return replace(self, grid=(replace(first, memberships=fewer), *others)) if fewer >= MIN_SPEEDS else None
+        speed, *others = self.grid
+        fewer = speed.memberships - 2
+        return replace(self, grid=(replace(speed, memberships=fewer), *others)) if fewer >= MIN_SPEEDS else None
 
     def grow(self, smaller: FuzzyFit, params: F, random: np.random.Generator) -> F:
         """Return rules on the whole grid, each with the blend of the smaller model's consequents at its centre."""
@@ -218,14 +207,14 @@ class FuzzyFit(training.Family):
         """Return the neuro-fuzzy rules with these parameters."""
         consequents, bells = self.parts(params)
         fitted = [Bell(*row) for row in np.column_stack([bells[:, 0], np.exp(bells[:, 1:])]).tolist()]
-        first = np.cumsum([0, *(g.memberships for g in self.grid)])
+        begins = np.cumsum([0, *(g.memberships for g in self.grid)])
         premises = tuple(
             Premise(g.signal, g.lag, tuple(fitted[a : a + g.memberships]))
-            for g, a in zip(self.grid, first, strict=False)
+            for g, a in zip(self.grid, begins, strict=False)
         )
         rules = tuple(
             Rule(tuple(members), row[0], tuple(row[1:]))
-            for members, row in zip((self.rules - first[:-1]).tolist(), consequents.tolist(), strict=True)
+            for members, row in zip((self.rules - begins[:-1]).tolist(), consequents.tolist(), strict=True)
         )
         return Fuzzy(self.regressors, self.training.scale_N, premises, rules)
 

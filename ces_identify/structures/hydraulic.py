@@ -83,14 +83,14 @@ def is_held(training: Training, rate_Hz: float) -> bool:
 
 def explain_kind(fits: Sequence[PhysicalFit], rate_Hz: float) -> str:
     """Return why this kind of damper: on how many blocks left out its first fit was lower than the next kind's."""
-    first: dict[str, PhysicalFit] = {}
+    first_fits: dict[str, PhysicalFit] = {}
     for fit in reversed(fits):  # a kind's first fit is its worst
-        first.setdefault(fit.models.kind, fit)
+        first_fits.setdefault(fit.models.kind, fit)
     chosen = fits[0].models.kind
-    others = sorted((f for kind, f in first.items() if kind != chosen), key=lambda fit: fit.cost)
+    others = sorted((f for kind, f in first_fits.items() if kind != chosen), key=lambda fit: fit.cost)
     if not others:
         return f"{chosen}: as asked for"
-    own, other = (_block_errors(fit, rate_Hz) for fit in (first[chosen], others[0]))
+    own, other = (_block_errors(fit, rate_Hz) for fit in (first_fits[chosen], others[0]))
     lower, count, name = int((own < other).sum()), len(own), others[0].models.kind
     if lower - 0.5 * count > np.sqrt(count):  # two standard errors of a coin
         return f"{chosen}: lower than {name} on {lower} of {count} blocks left out"

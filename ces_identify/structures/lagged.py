@@ -91,7 +91,7 @@ class LaggedShape(ABC):
         if not results:
             raise CesError(f"no start of the {self.option} fit gave a stable model; give more starts or data")
         params = results[0].coefficients
-        family = next(one for one in family.ladder() if one.size == len(results[0].chosen))
+        family = next(rung for rung in family.ladder() if rung.size == len(results[0].chosen))
         model = family.model(params, sampling)
         if options.certificate:
             certificate = model.certify()
@@ -103,15 +103,15 @@ class LaggedShape(ABC):
 
     def _choose_lags(self, data: Training, rate_Hz: float, options: IdentifyOptions) -> Self:
         def cost(lags: Lags | LagCounts, stroke: bool, work: float, size: int) -> float:
-            first, *larger = self.with_inputs(lags, stroke).family(data, rate_Hz).ladder()
-            family = [first, *(one for one in larger if one.size <= size)][-1]
+            smallest, *larger = self.with_inputs(lags, stroke).family(data, rate_Hz).ladder()
+            family = [smallest, *(rung for rung in larger if rung.size <= size)][-1]
             limits = replace(options.limits, starts=1, threads=1, target=0.0, work=work)
             results = train(family, limits, options.certificate)
             if any(result.ended == INTERRUPTED for result in results):
                 raise KeyboardInterrupt
             return results[0].cost if results else inf
 
-        lags = LAG_SETS[int(np.argmin([cost(one, False, LAG_WORK, LAG_SIZE) for one in LAG_SETS]))]
+        lags = LAG_SETS[int(np.argmin([cost(lag_set, False, LAG_WORK, LAG_SIZE) for lag_set in LAG_SETS]))]
         plain, deeper = (cost(lags, stroke, STROKE_WORK, STROKE_SIZE) for stroke in (False, True))
         counts = "position" in data.changing_inputs() and deeper < ChoiceLimits.STROKE_GAIN * plain
         return self.with_inputs(lags, counts)
@@ -178,7 +178,7 @@ class _Start:
             if ended in ("", *GOES_ON):
                 self.family = family
                 ended = self._descend(family.start(self.random))
-            smaller = next((one for one in ladder if one.size == len(self.best.chosen)), family)
+            smaller = next((rung for rung in ladder if rung.size == len(self.best.chosen)), family)
             if ended in GOES_ON and smaller.size < family.size:
                 ended = self._descend(family.grow(smaller, self.best.coefficients, self.random))
         self.best = replace(self.best, ended=ended, share=1.0)
@@ -191,11 +191,11 @@ class _Start:
         if not self.certificate:
             return self._descend_under(np.inf, 0.0, PATIENCE, params)[1] or NO_STEP
         params, ended = self._descend_under(np.inf, 0.0, FREE_PATIENCE, params)
-        first = np.clip(self.family.gains(params)[0].max() / self.max_gain, 1.0, FIRST_LIMIT)
+        excess = np.clip(self.family.gains(params)[0].max() / self.max_gain, 1.0, FIRST_LIMIT)
         stages = [
-            (self.max_gain * first ** (1.0 - k / STAGES), STAGE_PENALTY, STAGE_PATIENCE) for k in range(1, STAGES)
+            (self.max_gain * excess ** (1.0 - k / STAGES), STAGE_PENALTY, STAGE_PATIENCE) for k in range(1, STAGES)
         ]
-        for limit, penalty, patience in (*stages, *((self.max_gain, one, PATIENCE) for one in PENALTIES)):
+        for limit, penalty, patience in (*stages, *((self.max_gain, strength, PATIENCE) for strength in PENALTIES)):
             if ended not in ("", NO_MORE_GAIN) or (penalty > PENALTIES[0] and self._is_allowed(params)):
                 break
             params, ended = self._descend_under(limit, penalty, patience, params)

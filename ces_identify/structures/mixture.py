@@ -37,9 +37,9 @@ def run_mixture(body: Mixture, within: OperatingRange, inputs: F, segments: I) -
 def mixture_table(body: Mixture, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
     """Return the members with their weights and sizes."""
     rows = [
-        (Markup("{}").format(one.body.option), four_figures(one.weight), Markup("{}").format(one.body.size),
-         *map(four_figures, one.force_envelope_N))
-        for one in body.members
+        (Markup("{}").format(member.body.option), four_figures(member.weight), Markup("{}").format(member.body.size),
+         *map(four_figures, member.force_envelope_N))
+        for member in body.members
     ]  # fmt: skip
     return parameter_table(ABOUT, tuple(map(Markup, HEADS)), tuple(rows))
 

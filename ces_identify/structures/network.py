@@ -29,13 +29,8 @@ from ces_observer.options import Option
 from ces_observer.structures.network import Network, SigmoidUnit
 from ces_observer.tick.lagged import LAGGED_PHI
 from ces_observer.tick.sigmoid import (
-    SIGMOID_LAYER,
-    SIGMOID_OUTPUTS,
-    SIGMOID_SCALE,
-    SIGMOID_UNITS,
-    SIGMOID_WEIGHTS,
-    sigmoid_force,
-)
+    SIGMOID_LAYER, SIGMOID_OUTPUTS, SIGMOID_SCALE, SIGMOID_UNITS, SIGMOID_WEIGHTS, sigmoid_force,
+)  # fmt: skip
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
 FIRST_GAIN = 0.9  # gain of the past forces in a start
@@ -175,7 +170,7 @@ def read_lags(text: str) -> LagCounts | None:
     if text == AUTO:
         return None
     counts = text.split(",")
-    if len(counts) != 3 or not all(one.strip().isdecimal() and int(one) <= MAX_COUNT for one in counts):
+    if len(counts) != 3 or not all(count.strip().isdecimal() and int(count) <= MAX_COUNT for count in counts):
         raise ValueError(
             f"'{text}' is not Y,C,V, such as 2,4,5: numbers of past forces, currents and speeds from 0 to {MAX_COUNT}"
         )

@@ -13,6 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, I
+from ces_identify.limits import TickLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.search import THESIS, Listener, SearchResult, clock_s
 from ces_identify.polynomial.constructed import add_stroke_if_needed, find_time_constants, restrict_to_data
@@ -93,7 +94,7 @@ def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Probl
     built_in = rules == load_rules(None)
     stable = options.certificate and options.limits.method != THESIS
     current = np.concatenate([series.current for series in training])
-    if np.ptp(current) <= 1e-3 * max(1e-9, float(np.abs(current).max())):
+    if np.ptp(current) <= TickLimits.MIN_CHANGE * max(1e-9, float(np.abs(current).max())):
         rules = rules.without_signal("current")
     rules = restrict_to_data(rules.at_rate(training[0].rate_Hz), training)
     rules = find_time_constants(rules, training, options.limits.within(end), stable, options.weight)
@@ -118,17 +119,17 @@ def _best_model(
     Models that a start met on its way count, too.
     """
     met = [
-        one
+        result
         for start in results
-        for one in (start, *(replace(m, ended=start.ended) for m in start.met if start.cost < m.cost < 100.0))
+        for result in (start, *(replace(m, ended=start.ended) for m in start.met if start.cost < m.cost < 100.0))
     ]
-    for best in sorted(met, key=lambda one: one.cost) if prove else results[:1]:
+    for best in sorted(met, key=lambda result: result.cost) if prove else results[:1]:
         model = _model(problem, sampling, best)
         if prove and not model.is_stable():
             continue
         if prove:
             model = replace(model, certificate=model.certify().to_mapping())
-        return model, [best, *(one for one in results if one.cost >= best.cost and one is not best)]
+        return model, [best, *(result for result in results if result.cost >= best.cost and result is not best)]
     raise CesError(
         "no model could be proved stable; multiply past forces by fewer different lags, or give --no-certificate"
     )
@@ -159,27 +160,28 @@ def describe_symbols(terms: Iterable[Term], rate_Hz: float) -> Symbols:
     """Return the symbols that appear in `terms` with their meanings; the logged signals and the tick come first."""
     factors = [factor for term in terms for factor in term.factors]
     logged = describe_signals(("force", *(f.signal for f in factors if f.definition is None)), rate_Hz)
-    definitions = (one for f in factors for one in (getattr(f.definition, "base", None), f.definition))
-    constructed = {one.name: one for one in definitions if one is not None}
-    symbols = [(Markup("<var>{}</var>").format(name), describe_input(one)) for name, one in constructed.items()]
+    definitions = [d for f in factors for d in (getattr(f.definition, "base", None), f.definition) if d is not None]
+    constructed = {definition.name: definition for definition in definitions}
+    symbols = [(Markup("<var>{}</var>").format(d.name), describe_input(d)) for d in constructed.values()]
     signed = any(f.signed and f.signal != "force" and f.power % 2 != 1.0 for f in factors)
     return (*logged, *symbols, *([SIGN] if signed else []))
 
 
-def describe_input(one: ConstructedInput) -> str:
+def describe_input(definition: ConstructedInput) -> str:
     """Return how a constructed input is computed, in words with its numbers."""
-    if isinstance(one, Frequency):
-        low, high = one.range_Hz
-        return f"frequency of the motion over the last {one.time_constant_s:g} s, within {low:g} to {high:g} Hz"
-    if isinstance(one, Lag):
-        return f"{one.of} behind a first-order lag of {1e3 * one.time_constant_s:g} ms [{UNITS[one.of]}]"
-    if isinstance(one, Hysteresis):
-        width = f"\N{PLUS-MINUS SIGN}{one.half_width:g} {UNITS[one.of]}"
-        if one.kind == "stop":
-            return f"change of the {one.of} since its last reversal, limited to {width}"
-        return f"{one.of} with a play of {width}: it stands still after a reversal until the play is used up"
-    ends = [f"{end:g}" for end in (one.low, one.high) if end is not None]
-    return f"membership of {one.of}: 1 at {one.peak:g}, falling to 0 at {' and '.join(ends)}"
+    if isinstance(definition, Frequency):
+        low, high = definition.range_Hz
+        return f"frequency of the motion over the last {definition.time_constant_s:g} s, within {low:g} to {high:g} Hz"
+    if isinstance(definition, Lag):
+        time_ms, unit = 1e3 * definition.time_constant_s, UNITS[definition.of]
+        return f"{definition.of} behind a first-order lag of {time_ms:g} ms [{unit}]"
+    if isinstance(definition, Hysteresis):
+        width = f"\N{PLUS-MINUS SIGN}{definition.half_width:g} {UNITS[definition.of]}"
+        if definition.kind == "stop":
+            return f"change of the {definition.of} since its last reversal, limited to {width}"
+        return f"{definition.of} with a play of {width}: it stands still after a reversal until the play is used up"
+    ends = [f"{end:g}" for end in (definition.low, definition.high) if end is not None]
+    return f"membership of {definition.of}: 1 at {definition.peak:g}, falling to 0 at {' and '.join(ends)}"
 
 
 NOTE = (
@@ -218,19 +220,19 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
 def contributions(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSeries]) -> tuple[F, float]:
     """Return the RMS of each term (terms,) [N] and of the simulated force [N] over all scored, finite ticks."""
     squares, total, count = np.zeros(len(polynomial.terms)), 0.0, 0
-    for one in runs:
-        scored = one.series.scored & np.isfinite(one.run.force)
-        for start, values in term_forces(polynomial, model, one):
+    for simulated in runs:
+        scored = simulated.series.scored & np.isfinite(simulated.run.force)
+        for start, values in term_forces(polynomial, model, simulated):
             mask = scored[start : start + values.shape[1]]
             squares += (values[:, mask] ** 2).sum(axis=1)
-        total += float((one.run.force[scored] ** 2).sum())
+        total += float((simulated.run.force[scored] ** 2).sum())
         count += int(scored.sum())
     return np.sqrt(squares / max(count, 1)), float(np.sqrt(total / max(count, 1)))
 
 
-def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> list[tuple[int, F]]:
+def term_forces(polynomial: Polynomial, model: Model, simulated: SimulatedSeries) -> list[tuple[int, F]]:
     """Return each term's force [N] along the free run, which they add up to: pieces of first tick, (terms, ticks)."""
-    series, run = one.series, one.run
+    series, run = simulated.series, simulated.run
     inputs = np.stack([series.position, series.speed, series.current])
     terms = compile_terms(polynomial.terms)
     powers = terms.power_table(model.envelope, inputs, series.segments, model.sampling.rate_Hz)

@@ -69,10 +69,10 @@ class Windows:
         """Return the windows with enough weight; the longest segment limits their length."""
         ticks = min(max(MIN_WINDOW, round(WINDOW_S * rate_Hz)), MAX_WINDOW, int(np.diff(training.segments).max()))
         unscored = round(UNSCORED * ticks)
-        known = np.concatenate([[0], np.cumsum(weights > 0.0)])
-        first = np.concatenate([np.arange(a, max(a, b - ticks + 1)) for a, b in training.segments])
-        share = (known[first + ticks] - known[first + unscored]) / (ticks - unscored)
-        starts = first[share >= min(0.5, float(share.max()))]
+        counted = np.concatenate([[0], np.cumsum(weights > 0.0)])
+        begins = np.concatenate([np.arange(a, max(a, b - ticks + 1)) for a, b in training.segments])
+        share = (counted[begins + ticks] - counted[begins + unscored]) / (ticks - unscored)
+        starts = begins[share >= min(0.5, float(share.max()))]
         lanes = max(MIN_LANES, STEP_TICKS // ticks)
         return cls(starts, ticks, unscored, lanes, weights / weights[weights > 0.0].mean())
 
@@ -176,11 +176,11 @@ def _refit_members(
 ) -> Model | None:
     """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
     kept = weights * (family.training.estimation + family.training.selection)
-    found = []
+    refitted = []
     for seed, params in enumerate(members):
         *_, last = descend(family, kept, params, np.random.default_rng(seed), REFIT_STEPS, REFIT_RATE)
-        found.append(last)
-    return make(found)
+        refitted.append(last)
+    return make(refitted)
 
 
 def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
@@ -200,7 +200,7 @@ def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSerie
         for name, stage in member.stages.items()
     ]
     heads = ("Network, stage", "Filters", "Fastest decay [ms]", "Slowest [ms]", "Highest frequency [Hz]")
-    signals = {one.signal.partition("_")[0] for one in (*body.motion, *body.current)}
+    signals = {scaled.signal.partition("_")[0] for scaled in (*body.motion, *body.current)}
     return parameter_table(
         about, tuple(map(Markup, heads)), tuple(rows), describe_signals(signals, model.sampling.rate_Hz)
     )

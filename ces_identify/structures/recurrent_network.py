@@ -271,7 +271,7 @@ class RecurrentFamily:
     @property
     def still(self) -> F:
         """The scaled inputs (3,) of a speed of zero."""
-        return np.array([-one.mean / one.spread for one in self.motion[:3]])
+        return np.array([-scaled.mean / scaled.spread for scaled in self.motion[:3]])
 
     def at_rest(self, weights: F) -> F:
         """Return the scaled force (ticks,) at rest: its part that is linear in the position, beside the speed's."""
@@ -318,8 +318,8 @@ class RecurrentFamily:
         """Return the arrays of the kernels."""
         stages = []
         for filters, drive, *rest in self.split(params):
-            found = Filters.of(filters, 1.0 / self.rate_Hz)
-            stages.append(StageArrays(found.poles, np.tile(found.gain, 2)[:, None] * drive, *rest))
+            bank = Filters.of(filters, 1.0 / self.rate_Hz)
+            stages.append(StageArrays(bank.poles, np.tile(bank.gain, 2)[:, None] * drive, *rest))
         first, second, *current = stages
         return MemberArrays(first, second, current[0] if current else None)
 
@@ -329,10 +329,10 @@ class RecurrentFamily:
         for (filters, drive, *_), derivatives in zip(self.split(params), by, strict=False):
             if derivatives is None:
                 break
-            found = Filters.of(filters, 1.0 / self.rate_Hz)
+            bank = Filters.of(filters, 1.0 / self.rate_Hz)
             by_gain = (derivatives.drive * drive).sum(axis=1).reshape(2, -1).sum(axis=0)
-            by_filters = found.gradient(derivatives.poles, by_gain, 1.0 / self.rate_Hz)
-            parts += [by_filters, np.tile(found.gain, 2)[:, None] * derivatives.drive, *derivatives[2:]]
+            by_filters = bank.gradient(derivatives.poles, by_gain, 1.0 / self.rate_Hz)
+            parts += [by_filters, np.tile(bank.gain, 2)[:, None] * derivatives.drive, *derivatives[2:]]
         return np.concatenate([part.ravel() for part in parts])
 
     def force(self, members: Sequence[F]) -> F:
@@ -348,11 +348,11 @@ class RecurrentFamily:
 
     def _stage(self, views: Sequence[F]) -> Stage:
         params, drive, *rest = views
-        found = Filters.of(params, 1.0 / self.rate_Hz)
+        bank = Filters.of(params, 1.0 / self.rate_Hz)
         rows = (
-            found.decay_s,
-            params[1] / (2.0 * np.pi * found.decay_s),
-            np.tile(found.gain, 2)[:, None] * drive,
+            bank.decay_s,
+            params[1] / (2.0 * np.pi * bank.decay_s),
+            np.tile(bank.gain, 2)[:, None] * drive,
             *rest,
         )
         return Stage(*(tuple(row.ravel().tolist()) for row in rows))
@@ -372,8 +372,8 @@ def scaled_inputs(
     """Return the scaled inputs of motion and current (n, ticks), clamped to the envelope."""
     rows = []
     for ones in (motion, current):
-        raw = raw_inputs([one.signal for one in ones], smoothing_m_s, envelope, inputs)
-        means, spreads = (np.array([getattr(one, key) for one in ones])[:, None] for key in ("mean", "spread"))
+        raw = raw_inputs([scaled.signal for scaled in ones], smoothing_m_s, envelope, inputs)
+        means, spreads = (np.array([getattr(scaled, key) for scaled in ones])[:, None] for key in ("mean", "spread"))
         rows.append((raw - means) / spreads)
     return rows[0], rows[1]
 

@@ -67,8 +67,8 @@ def fit_band(
             held_out.insert(0, masks_by_recording(series, BandLimits.MAX_PARTS))
         for parts in held_out:
             with ThreadPoolExecutor(max(1, threads)) as pool:
-                found = list(pool.map(errors_without, parts))
-            ways.append(_join([errors for errors in found if errors is not None]))
+                results = list(pool.map(errors_without, parts))
+            ways.append(_join([errors for errors in results if errors is not None]))
     ways = [errors for errors in ways if len(errors.size) >= TickLimits.MIN_ERRORS]
     ways = ways or [_errors_on(model, series, scored, band, band)]
     return _fit_parts(band, ways) if len(ways[0].size) >= TickLimits.MIN_ERRORS else None
@@ -98,17 +98,17 @@ def _errors_without(refit: Refit, series: Sequence[Series], band: Band, out: Seq
     return _errors_on(model, series, scored, band, _describe_state(series, kept, band.constant_share))
 
 
-def _errors_on(model: Model, series: Sequence[Series], ticks: Sequence[Mask], band: Band, known: Band) -> _Errors:
-    """Return the errors of a model on some ticks, with their distance from the data that `known` describes.
+def _errors_on(model: Model, series: Sequence[Series], ticks: Sequence[Mask], band: Band, data: Band) -> _Errors:
+    """Return the errors of a model on some ticks, with their distance from the data that `data` describes.
 
     Ticks after a divergence have no error and are left out.
     """
     rows, step = [], -(-sum(map(len, series)) // MAX_TICKS)
-    for one, mask in zip(series, ticks, strict=True):
-        force = simulate_series(model, one).force if mask.any() else np.full(len(one), np.nan)
-        usable = mask & np.isfinite(force) & (np.arange(len(one)) % step == 0)
-        parts, growth = parts_and_growth(band, known, one, force)
-        rows.append(_Errors((np.abs(one.force - force) / growth)[usable], parts[:, usable]))
+    for recorded, mask in zip(series, ticks, strict=True):
+        force = simulate_series(model, recorded).force if mask.any() else np.full(len(recorded), np.nan)
+        usable = mask & np.isfinite(force) & (np.arange(len(recorded)) % step == 0)
+        parts, growth = parts_and_growth(band, data, recorded, force)
+        rows.append(_Errors((np.abs(recorded.force - force) / growth)[usable], parts[:, usable]))
     return _join(rows)
 
 
@@ -148,7 +148,7 @@ def _fit_parts(band: Band, ways: Sequence[_Errors]) -> Band:
     errors = _join(ways)
     some = slice(None, None, -(-len(errors.size) // MAX_FITTED_TICKS))
     weights = _fit_sizes(errors.parts[:, some], errors.size[some])
-    scores = [one.size / np.maximum(weights @ one.parts, 1e-9) for one in ways]
+    scores = [way.size / np.maximum(weights @ way.parts, 1e-9) for way in ways]
     scale = max(float(np.quantile(score, band.level)) for score in scores)
     return replace(band, parts=_round_all(scale * weights))
 

@@ -126,8 +126,8 @@ def compare_with_teacher(
     for e in evaluations:
         force, both = _find_measured_force(e.series, prepared), e.series.scored
         both = both & np.isfinite(force)
-        truth, known = force[both], bool(both.sum() >= TickLimits.MIN_SCORED and np.ptp(force[both]) > 0.0)
-        teacher, own = (cost(truth, x[both]) if known else np.nan for x in (e.series.force, e.run.force))
+        truth, enough = force[both], bool(both.sum() >= TickLimits.MIN_SCORED and np.ptp(force[both]) > 0.0)
+        teacher, own = (cost(truth, x[both]) if enough else np.nan for x in (e.series.force, e.run.force))
         costs.append(DistillationCosts(e.name, e.role, e.cost, teacher, own))
     return tuple(costs)
 
@@ -135,8 +135,8 @@ def compare_with_teacher(
 def _find_measured_force(series: Series, measured: Sequence[Series]) -> F:
     """Return the measured force [N] on the ticks of `series` from the series that it is a part of, else NaN."""
     for whole in measured:
-        first = int(np.searchsorted(whole.time_s, series.time_s[0]))
-        part = slice(first, first + len(series))
+        begin = int(np.searchsorted(whole.time_s, series.time_s[0]))
+        part = slice(begin, begin + len(series))
         if whole.name == series.name and np.array_equal(whole.position[part], series.position):
             return whole.force[part]
     return np.full(len(series), np.nan)

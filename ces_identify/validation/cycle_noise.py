@@ -49,12 +49,12 @@ def cycle_noise(series: Series) -> CycleNoise | str:
     cycle, lag = (np.arange(len(series)) / period).astype(np.int64), whole_ticks(period)
     stroke = _rms_by_cycle(differences(series.position, settled, lag), cycle) / float(series.position[start:stop].std())
     current = _rms_by_cycle(differences(series.current, settled, lag), cycle) / max(_rms(series.current), 1e-12)
-    known = np.isfinite(stroke) & np.isfinite(current)
+    finite = np.isfinite(stroke) & np.isfinite(current)
     for name, mismatch in (("stroke", stroke), ("current", current)):
-        if known.any() and np.median(mismatch[known]) > CycleLimits.MISMATCH:
-            share = 100.0 * np.median(mismatch[known])
+        if finite.any() and np.median(mismatch[finite]) > CycleLimits.MISMATCH:
+            share = 100.0 * np.median(mismatch[finite])
             return f"the stroke repeats, but from cycle to cycle the {name} differs by {share:.1f} %"
-    same = known & (stroke <= CycleLimits.MISMATCH) & (current <= CycleLimits.MISMATCH)
+    same = finite & (stroke <= CycleLimits.MISMATCH) & (current <= CycleLimits.MISMATCH)
     force = differences(np.where(series.scored, series.force, np.nan), settled, lag)
     used = force[same[cycle] & np.isfinite(force)]
     cycles = int(len(used) / period)
@@ -105,9 +105,9 @@ def differences(x: F, runs: I, lag: int) -> F:
 
 def _rms_by_cycle(difference: F, cycle: I) -> F:
     """Return the RMS of the differences in each cycle, NaN where fewer than half its ticks have one."""
-    known = np.isfinite(difference)
-    ticks, all_ticks = np.bincount(cycle, known), np.bincount(cycle)
-    squares = np.bincount(cycle, np.where(known, difference, 0.0) ** 2)
+    finite = np.isfinite(difference)
+    ticks, all_ticks = np.bincount(cycle, finite), np.bincount(cycle)
+    squares = np.bincount(cycle, np.where(finite, difference, 0.0) ** 2)
     return np.where(2 * ticks >= all_ticks, np.sqrt(squares / np.maximum(ticks, 1)), np.nan)
 
 
@@ -135,8 +135,8 @@ def _refine_period(rho: F, period: float) -> float:
 
 def _find_peak(rho: F, near: int) -> float:
     """Return the position of the peak within two ticks of `near`, by a parabola."""
-    first = max(near - 2, 1)
-    top = min(first + int(np.argmax(rho[first : near + 3])), len(rho) - 2)
+    begin = max(near - 2, 1)
+    top = min(begin + int(np.argmax(rho[begin : near + 3])), len(rho) - 2)
     curvature = rho[top - 1] - 2.0 * rho[top] + rho[top + 1]
     return top + (float(0.5 * (rho[top - 1] - rho[top + 1]) / curvature) if curvature < 0.0 else 0.0)
 

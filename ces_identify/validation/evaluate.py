@@ -163,20 +163,20 @@ def describe_size(model: Model) -> str:
 
 def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:
     """Return the evaluation of `model` on each series; raises RecordingError for a series without a force."""
-    for one in series:
-        require_force(one)
-    runs = [simulate_series(model, one) for one in series]
+    for recorded in series:
+        require_force(recorded)
+    runs = [simulate_series(model, recorded) for recorded in series]
     return [
         Evaluation(
-            name=one.name,
+            name=recorded.name,
             role=role,
-            series=one,
+            series=recorded,
             run=run,
-            cost=series_cost(one, run.force),
-            half_width=None if model.band is None else band_half_width(model.band, one, run.force),
-            outside=outside_ranges(model, one),
+            cost=series_cost(recorded, run.force),
+            half_width=None if model.band is None else band_half_width(model.band, recorded, run.force),
+            outside=outside_ranges(model, recorded),
         )
-        for one, run in zip(series, runs, strict=True)
+        for recorded, run in zip(series, runs, strict=True)
     ]
 
 
@@ -269,13 +269,13 @@ def explain_missing(evaluations: Sequence[Evaluation], floors: bool = True) -> l
     `floors` nothing is said of the noise floor.
     """
     names: dict[str, list[str]] = {}
-    for one in evaluations:
-        if not math.isfinite(one.cost):
-            names.setdefault(DIVERGED, []).append(one.name)
-        elif one.interval is None:
-            names.setdefault(SHORT, []).append(one.name)
-        if floors and isinstance(one.noise, str):
-            names.setdefault(f"no noise floor ({one.noise})", []).append(one.name)
+    for evaluation in evaluations:
+        if not math.isfinite(evaluation.cost):
+            names.setdefault(DIVERGED, []).append(evaluation.name)
+        elif evaluation.interval is None:
+            names.setdefault(SHORT, []).append(evaluation.name)
+        if floors and isinstance(evaluation.noise, str):
+            names.setdefault(f"no noise floor ({evaluation.noise})", []).append(evaluation.name)
     return [
         f"{reason}: {'all recordings' if 1 < len(evaluations) == len(some) else ', '.join(dict.fromkeys(some))}"
         for reason, some in names.items()

@@ -94,30 +94,31 @@ def head_lines(model: Model, evaluations: Sequence[Evaluation]) -> list[str]:
     """
     some = [e for e in evaluations if np.isfinite(e.cost) and e.clamped_share < LackLimits.MAX_OUTSIDE]
     own = [e for e in some if e.role == IDENTIFICATION]
-    found = dependences(some)
-    lines = [describe(one, model, some) for one in found]
+    causes = dependences(some)
+    lines = [describe(cause, model, some) for cause in causes]
     if own and (J := pooled_cost(own)) >= LackLimits.MISFIT:
-        why = "" if found else "; no quantity explains it: check units, signs and delays"
+        why = "" if causes else "; no quantity explains it: check units, signs and delays"
         lines.insert(0, f"The model does not fit its own data (J = {three_figures(J)} %){why}.")
     selections = [entry for key, entry in model.provenance.items() if key.startswith("selection")]
     texts = dict.fromkeys(text for entry in selections for text in entry.get(UNDETERMINED, ()))
     return lines + [f"{text[0].upper()}{text[1:].rstrip('.')}." for text in texts]
 
 
-def describe(found: Dependence, model: Model, evaluations: Sequence[Evaluation]) -> str:
+def describe(dependence: Dependence, model: Model, evaluations: Sequence[Evaluation]) -> str:
     """Return the dependence in words, with what to do about it."""
-    quantity, option = QUANTITIES[found.names[0]], model.body.option
-    names = " or ".join(f"the {QUANTITIES[name].name}" for name in found.names)
-    which = " (these recordings do not tell which)" if len(found.names) > 1 else ""
-    ends = sorted(found.regions, key=lambda region: region[2])
-    places = [_describe_region(found.names[0], *ends[k]) for k in (0, -1) if abs(ends[k][2]) >= LackLimits.MIN_CHANGE]
+    quantity, option = QUANTITIES[dependence.names[0]], model.body.option
+    names = " or ".join(f"the {QUANTITIES[name].name}" for name in dependence.names)
+    which = " (these recordings do not tell which)" if len(dependence.names) > 1 else ""
+    ends = sorted(dependence.regions, key=lambda region: region[2])
+    named = [end for end in (ends[0], ends[-1]) if abs(end[2]) >= LackLimits.MIN_CHANGE]
+    places = [_describe_region(dependence.names[0], *end) for end in named]
     where = f"; the force is {' and '.join(dict.fromkeys(places))}" if places else ""
     advice = RECORD if f"--structure {option}" in quantity.remedy else quantity.remedy
-    if _is_unused(found.names[0], model, evaluations[0].series):
+    if _is_unused(dependence.names[0], model, evaluations[0].series):
         advice = f"'{option}' as identified does not use it: {advice}"
     return (
-        f"The error depends on {names}{which}: {100.0 * found.share:.0f} % of its energy, without which J would be "
-        f"{three_figures(found.gain)} lower{where}. {advice[0].upper()}{advice[1:]}."
+        f"The error depends on {names}{which}: {100.0 * dependence.share:.0f} % of its energy, without which J would "
+        f"be {three_figures(dependence.gain)} lower{where}. {advice[0].upper()}{advice[1:]}."
     )
 
 
@@ -136,7 +137,7 @@ def _is_unused(name: str, model: Model, series: Series) -> bool:
     if name != "position":
         return name == "heat"
     still = replace(series, position=np.full(len(series), series.position.mean()))
-    moving, frozen = (simulate_series(model, one).force for one in (series, still))
+    moving, frozen = (simulate_series(model, course).force for course in (series, still))
     return np.array_equal(moving, frozen, equal_nan=True)
 
 
@@ -144,10 +145,10 @@ def dependences(evaluations: Sequence[Evaluation]) -> list[Dependence]:
     """Return the quantities on which the errors of finite free runs depend, the one that explains most first."""
     if sum(int(e.series.scored.sum()) for e in evaluations) < LackLimits.MIN_TICKS:
         return []
-    ticks, cost, found = _collect(evaluations), pooled_cost(evaluations), list[Dependence]()
-    rest = ticks.error
-    while len(found) < LackLimits.MAX_DEPENDENCES and rest.any():
-        predicted, shares = _explain(rest, ticks)
+    ticks, cost, listed = _collect(evaluations), pooled_cost(evaluations), list[Dependence]()
+    unexplained = ticks.error
+    while len(listed) < LackLimits.MAX_DEPENDENCES and unexplained.any():
+        predicted, shares = _explain(unexplained, ticks)
         order = sorted(shares, key=lambda name: -shares[name][0])
         share = float(shares[order[0]][0]) if order else 0.0
         gain = cost * (1.0 - np.sqrt(max(0.0, 1.0 - share)))
@@ -155,20 +156,20 @@ def dependences(evaluations: Sequence[Evaluation]) -> list[Dependence]:
         if share < LackLimits.MIN_SHARE or gain < LackLimits.MIN_GAIN or share <= by_chance:
             break
         first, names = order[0], tuple(name for name in order if shares[name][0] >= LackLimits.AS_GOOD * share)
-        found.append(Dependence(names, share, gain, _regions(ticks, ticks.quantities[first])))
-        rest = rest - predicted[first]
-    return found
+        listed.append(Dependence(names, share, gain, _regions(ticks, ticks.quantities[first])))
+        unexplained = unexplained - predicted[first]
+    return listed
 
 
 def _collect(evaluations: Sequence[Evaluation]) -> _Ticks:
     """Return at most MAX_TICKS scored ticks of all recordings, evenly spaced, with their blocks."""
     step = -(-sum(int(e.series.scored.sum()) for e in evaluations) // LackLimits.MAX_TICKS)
     length_s = min(LackLimits.BLOCK_S, sum(e.scored_s for e in evaluations) / LackLimits.MIN_BLOCKS)
-    rows, blocks, folds, first = [], [], [], 0
+    rows, blocks, folds, block = [], [], [], 0
     for e in evaluations:
         at, series = np.flatnonzero(e.series.scored)[::step], e.series
-        halves = ((series.time_s[at] - series.time_s[at[0]]) / (0.5 * length_s)).astype(np.int64) + 2 * first
-        first = int(halves[-1]) // 2 + 1
+        halves = ((series.time_s[at] - series.time_s[at[0]]) / (0.5 * length_s)).astype(np.int64) + 2 * block
+        block = int(halves[-1]) // 2 + 1
         blocks.append(halves // 2)
         folds.append(halves % FOLDS)
         rows.append(np.stack([series.force - e.run.force, e.run.force, *_quantities(e)])[:, at])

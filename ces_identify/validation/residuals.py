@@ -163,13 +163,13 @@ def verdicts(tests: ResidualTests) -> tuple[str, str]:
     if not white.passed:
         how = f"{white.values[1]:.2f} at lag 1, Ljung-Box p {p_value}"
         about = f"not white: {how} (a free run's residual need not be white)"
-    significant = [one for one in tests.inputs if not one.passed]
+    significant = [correlation for correlation in tests.inputs if not correlation.passed]
     if not tests.inputs:
         return about, "not tested against the inputs: none changes"
     if not significant:
         names = ", ".join(name for name in INPUTS if name not in tests.still)
         return about, f"no correlation left with {names}"
-    top = max(significant, key=lambda one: one.share)
+    top = max(significant, key=lambda correlation: correlation.share)
     return about, (
         f"{len(significant)} of {len(tests.inputs)} correlations with inputs are significant, the largest "
         f"{100.0 * top.share:.2g} % of {top.second}, with {top.first} {1e3 * top.lags_s[top.worst]:.0f} ms before"

@@ -66,7 +66,7 @@ def draw_case(case: BlindCase, seconds: float, spare_effects: Sequence[tuple[str
 def _try_draw(case: BlindCase, seconds: float, attempt: int) -> DrawnCase:
     rng = np.random.default_rng([case.seed, attempt])
     designs = case.plants.items()
-    suitable = [name for name, one in designs if set(case.effects) <= set(plants.available_effects(one.kind))]
+    suitable = [name for name, plant in designs if set(case.effects) <= set(plants.available_effects(plant.kind))]
     if not suitable:
         raise RigError(f"none of the plants {', '.join(case.plants)} can have {' and '.join(case.effects)}")
     name = suitable[int(rng.integers(len(suitable)))]

@@ -150,7 +150,7 @@ def candidates(cases: Cases) -> tuple[F, F]:
     """
     single = [case for case in cases if case.kind != "pair"]
     names = sorted({name for case in single for name in (*case.probability, case.answer)})
-    claimed = [[sum(c.probability.get(one, 0.0) for one in _claims(c, name)) for name in names] for c in single]
+    claimed = [[sum(c.probability.get(claim, 0.0) for claim in _claims(c, name)) for name in names] for c in single]
     right = [[float(case.answer == name) for name in names] for case in single]
     return np.array(claimed).reshape(len(single), len(names)), np.array(right).reshape(len(single), len(names))
 
@@ -187,24 +187,20 @@ METRICS: tuple[Metric, ...] = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class ScoreTable:
-    """A table of texts: `head` names the columns, every row has as many cells."""
-
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
+TextRows = list[list[str]]
+"""A table of texts: the first row is the head, every other has as many cells."""
 
 
-def metric_table(title: str, groups: Mapping[str, Cases]) -> ScoreTable:
+def metric_table(title: str, groups: Mapping[str, Cases]) -> TextRows:
     """Return one row per group of cases: each metric with its interval, the number of cases, and the target."""
-    rows = []
+    rows = [[title, "cases", *(metric.name for metric in METRICS)]]
     for name, cases in groups.items():
         row = [name, str(len(cases))]
         for metric in METRICS:
             value, interval, count, goal = metric.describe(metric.count(cases), cases[0].mode.class_name)
             row.append(f"{value} ({interval}; {count})" + (f"; {goal}" if goal else "") if count != "0" else "–")
         rows.append(row)
-    return ScoreTable((title, "cases", *(metric.name for metric in METRICS)), rows)
+    return rows
 
 
 def group_cases(cases: Cases, key: Callable[[CaseOutcome], object]) -> dict[str, list[CaseOutcome]]:
@@ -215,17 +211,14 @@ def group_cases(cases: Cases, key: Callable[[CaseOutcome], object]) -> dict[str,
     return groups
 
 
-def withheld_table(cases: Cases) -> ScoreTable:
+def withheld_table(cases: Cases) -> TextRows:
     """Return for everything that was withheld the verdicts, and what was most probable."""
     groups = group_cases(cases, lambda case: f"{case.kind}: {' + '.join(case.truth)}".removesuffix(": "))
-    rows = [
-        [
-            name,
-            *map(_format_counts, ([c.verdict for c in part], [c.ranked[0] if c.ranked else "nothing" for c in part])),
-        ]
-        for name, part in groups.items()
-    ]
-    return ScoreTable(("withheld", "verdicts", "first"), rows)
+    rows = [["withheld", "verdicts", "first"]]
+    for name, part in groups.items():
+        firsts = [c.ranked[0] if c.ranked else "nothing" for c in part]
+        rows.append([name, _format_counts([c.verdict for c in part]), _format_counts(firsts)])
+    return rows
 
 
 def mode_facts(cases: Cases) -> dict[str, Any]:

@@ -21,13 +21,13 @@ from ces_rig.errors import RigError
 from ces_rig.experiments.currents import Binary, ConstantLevel, FilteredNoise, Prbs, StrokeFollowing
 from ces_rig.experiments.sequences import Current, Shape
 from ces_rig.experiments.strokes import FrequencyModulated, NoiseStroke, RoadStroke, fade
+from ces_rig.sensors import GRID_S
 
 RICH, ROAD, CONSTANT = "rich", "road", "constant_current"
 EXCITATIONS = (RICH, ROAD, CONSTANT)
 REACH_M = (0.034, 0.046)  # [m] range of a case's largest stroke, below the bump stops of a sound damper
 FADE_S = 0.4  # [s]
 ACTUATOR_HZ = 30.0  # [Hz] bandwidth of the rig's actuator
-GRID_S = 0.5e-3  # [s]
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,7 @@ KINDS = (EFFECT, NONE, OUTSIDE, PAIR)
 GAPS = (4.0, 8.0, 12.0, 16.0)  # RMS of the effect's force over that of the force sensor's noise
 ERRORS = (0.0, 1.0 / 3.0, 1.0)  # RMS of the simulation's own error over that of the effect's force
 SHARES = {EFFECT: 0.60, NONE: 0.14, OUTSIDE: 0.12, PAIR: 0.14}  # of a sample
+SPARE = 3  # sets of effects to draw from when those of a case cannot be drawn
 INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_crosstalk", "sticking_pilot"})}
 """Effects that have no influence under an excitation."""
 
@@ -150,11 +151,11 @@ def plan_sample(levels: Levels, seed: int, count: int) -> list[BlindCase]:
     return _number_cases(cases, seed, rng)
 
 
-def list_spare_effects(case: BlindCase, levels: Levels, count: int = 3) -> list[tuple[str, ...]]:
+def list_spare_effects(case: BlindCase, levels: Levels) -> list[tuple[str, ...]]:
     """Return effects of the same kind, in random order, for the case that its own effects cannot be drawn."""
     rng = np.random.default_rng([case.seed, 3])
     others = [e for e in _list_effects(levels, case.kind, rng) if e != case.effects and is_visible(e, case.excitation)]
-    return [others[i] for i in rng.permutation(len(others))[:count]]
+    return [others[i] for i in rng.permutation(len(others))[:SPARE]]
 
 
 def is_visible(effects: Sequence[str], excitation: str) -> bool:

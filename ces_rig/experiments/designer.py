@@ -89,21 +89,21 @@ def design_experiment(
     chosen: list[_Candidate] = []
     for count in map(int, counts):
         weighed = information.weigh(task.targets, task.weights)
-        found: list[_Candidate] = []
+        drawn: list[_Candidate] = []
         for _ in range(MAX_DRAWS * candidates):
-            one = _draw_candidate(task, best, count, len(chosen) == slots - 1, rng)
-            if one is not None:
-                rows = rows_of(one.slot, one.current_A, limits, task.features)
-                found.append(replace(one, gain=information.gain(rows, weighed)))
-            if len(found) == candidates:
+            candidate = _draw_candidate(task, best, count, len(chosen) == slots - 1, rng)
+            if candidate is not None:
+                rows = rows_of(candidate.slot, candidate.current_A, limits, task.features)
+                drawn.append(replace(candidate, gain=information.gain(rows, weighed)))
+            if len(drawn) == candidates:
                 break
-        if not found:
+        if not drawn:
             raise RigError(f"{name}: no motion keeps the limits; allow more speed, acceleration or heat")
-        best = max(found, key=lambda one: one.gain)
+        best = max(drawn, key=lambda candidate: candidate.gain)
         information = information.add(rows_of(best.slot, best.current_A, limits, task.features))
         chosen.append(best)
-    stroke = np.concatenate([[limits.centre_m], *(one.slot for one in chosen)])
-    current = np.concatenate([chosen[0].current_A[:1], *(one.current_A for one in chosen)])
+    stroke = np.concatenate([[limits.centre_m], *(candidate.slot for candidate in chosen)])
+    current = np.concatenate([chosen[0].current_A[:1], *(candidate.current_A for candidate in chosen)])
     return limits.require_within(_settle(RigCommands(name, stroke, current, seed), limits))
 
 

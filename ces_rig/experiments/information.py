@@ -33,12 +33,12 @@ PAST_S = 0.02  # time constant of the low-passes
 COUNT = 240  # features
 
 
-def scaled_state(stroke_m: F, speed_m_s: F, current_A: F, limits: RigLimits, interval_s: float = INTERVAL_S) -> F:
+def scaled_state(stroke_m: F, speed_m_s: F, current_A: F, limits: RigLimits) -> F:
     """Return the state (n, 5), each component about -1 to 1 within the limits; speeds are stretched around zero."""
     half = max(0.5 * (limits.high_A - limits.low_A), 1e-9)
     current = (current_A - 0.5 * (limits.high_A + limits.low_A)) / half
     speed = stretch(speed_m_s / limits.speed_m_s)
-    changes = [2.0 * _change(signal, interval_s) for signal in (speed, current)]
+    changes = [2.0 * _change(signal) for signal in (speed, current)]
     return np.column_stack([(stroke_m - limits.centre_m) / limits.stroke_m, speed, current, *changes])
 
 
@@ -47,8 +47,8 @@ def stretch(share: F) -> F:
     return np.asarray(np.arcsinh(share / KNEE) / np.arcsinh(1.0 / KNEE))
 
 
-def _change(signal: F, interval_s: float) -> F:
-    decay = np.exp(-interval_s / PAST_S)
+def _change(signal: F) -> F:
+    decay = np.exp(-INTERVAL_S / PAST_S)
     return np.asarray(signal - lfilter([1.0 - decay], [1.0, -decay], signal, zi=[decay * signal[0]])[0])
 
 
@@ -173,7 +173,7 @@ class Knowledge:
 def compare_models(model: Model, ensemble: Sequence[Model], pool: Pool) -> Knowledge:
     """Return what `model` and the models of the `ensemble` do not know about the pool's targets."""
     series = [series_of(motion, model.sampling.rate_Hz) for motion in pool.motions]
-    runs = [[simulate_series(one, s).force for s in series] for one in (model, *ensemble)]
+    runs = [[simulate_series(compared, s).force for s in series] for compared in (model, *ensemble)]
     at = [np.clip(pool.ticks * INTERVAL_S * s.rate_Hz, 0, len(s) - 1).astype(int) for s in series]
     scale = np.array([_rms(force) for force in runs[0]])
     forces = np.array([[f[ticks] for f, ticks in zip(run, at, strict=True)] for run in runs])

@@ -52,7 +52,7 @@ def identify_all(
         options, fitter = replace(options, rate=previous.sampling.rate_Hz), refitter(previous)
     with interruptible():
         crossed = cross_fit(recordings, options, listener, fitter)
-    if any(one.ended == INTERRUPTED for one in crossed.result.search_results):
+    if any(search.ended == INTERRUPTED for search in crossed.result.search_results):
         raise KeyboardInterrupt  # a search with a handler of its own for Ctrl-C ends early instead
     return crossed.result.model, crossed.models, pooled_cost(crossed.result.evaluations)
 

@@ -69,10 +69,10 @@ def find_stop(plan: Plan, history: Sequence[Iteration], next_s: float) -> str:
     if newest is not None and newest.fresh_high_J is not None and newest.fresh_high_J <= stop.target_J:
         cost = f"J {newest.fresh_J:.2f} %, with 95 % confidence at most {newest.fresh_high_J:.2f} %"
         return f"target reached: {cost}, on the newest recording before it was used"
-    tried = sum(one.number > 0 for one in history)
+    tried = sum(iteration.number > 0 for iteration in history)
     if tried >= stop.max_iterations:
         return f"{tried} iterations, the most that the plan allows"
-    costs = [one.fresh_J for one in history if one.fresh_J is not None]  # on fresh repetitions
+    costs = [iteration.fresh_J for iteration in history if iteration.fresh_J is not None]  # on fresh repetitions
     if plan.experiments.kind == REPEATED and len(costs) > 1 and costs[-1] > (1.0 - stop.fall) * min(costs[:-1]):
         return f"the cost has stopped falling (by less than {100.0 * stop.fall:.2g} %)"
     spent = history[-1].total_s if history else 0.0
@@ -254,8 +254,8 @@ class Iterations:
 
     def _restore(self, history: list[Iteration]) -> None:
         """Read again what finished iterations have left."""
-        steps = [(one, Step.open(self.out, one.number)) for one in history]
-        recordings = [step.read_recording(one.name) for one, step in steps if one.number > 0]
+        steps = [(iteration, Step.open(self.out, iteration.number)) for iteration in history]
+        recordings = [step.read_recording(iteration.name) for iteration, step in steps if iteration.number > 0]
         self.done = IterationProgress(history, recordings)
         if steps:
             self.done.model, self.done.ensemble = steps[-1][1].read_models()

@@ -30,8 +30,8 @@ def write_page(path: Path, iterations: Iterations) -> None:
     done, plan = iterations.done, iterations.plan
     model, history = done.model, done.history
     assert model is not None
-    evaluations = [evaluate_fresh(model, one) for one in (*iterations.given, *done.recordings)]
-    runs = [(one, Step.open(iterations.out, one.number).read_commands()) for one in history if one.number > 0]
+    evaluations = [evaluate_fresh(model, recording) for recording in (*iterations.given, *done.recordings)]
+    runs = [(run, Step.open(iterations.out, run.number).read_commands()) for run in history if run.number > 0]
     grid, newest, kind = make_grid(evaluations, model.envelope), history[-1], plan.rig.get("kind", "")
     experiments = "1 experiment" if len(runs) == 1 else f"{len(runs)} experiments"
     target = f", target {plan.stop.target_J:g} %" if plan.stop.target_J else ""
@@ -55,15 +55,15 @@ def write_page(path: Path, iterations: Iterations) -> None:
             "error": error_map("errors", grid, evaluations, [], model),
         },
         experiments=[
-            _experiment(k, one, commands, plan.limits) for k, (one, commands) in enumerate(runs) if commands is not None
+            _experiment(k, run, commands, plan.limits) for k, (run, commands) in enumerate(runs) if commands is not None
         ],
     )
     write_atomically(path, replace_unencodable(page))
 
 
 def _headline(history: Sequence[Iteration]) -> str:
-    newest, count = history[-1], sum(one.number > 0 for one in history)
-    fresh = [one.fresh_J for one in history if one.fresh_J is not None]
+    newest, count = history[-1], sum(iteration.number > 0 for iteration in history)
+    fresh = [iteration.fresh_J for iteration in history if iteration.fresh_J is not None]
     text = f"{count} experiments, {newest.total_s:.0f} s recorded: J = {newest.fit_J:.2f} % on all recordings together"
     if fresh:
         text += f"; the model before read J = {fresh[-1]:.2f} % on the newest recording, which it had not seen"
@@ -72,10 +72,10 @@ def _headline(history: Sequence[Iteration]) -> str:
 
 def _cost_chart(history: Sequence[Iteration]) -> Markup:
     """Return the costs over the recorded time: on the newest recording before it was used, and after the fit."""
-    validation = [float(np.mean(list(one.validation_J.values()) or [np.nan])) for one in history]
+    validation = [float(np.mean(list(iteration.validation_J.values()) or [np.nan])) for iteration in history]
     curves = {
-        "fresh": (_finite([one.fresh_J for one in history]), "series s1"),
-        "after the fit": (_finite([one.fit_J for one in history]), "series s0"),
+        "fresh": (_finite([iteration.fresh_J for iteration in history]), "series s1"),
+        "after the fit": (_finite([iteration.fit_J for iteration in history]), "series s0"),
         "validation": (_finite(validation), "error"),
     }
     shown = {name: curve for name, curve in curves.items() if np.isfinite(curve[0]).any()}
@@ -93,9 +93,9 @@ def _finite(values: Sequence[float | None]) -> F:
 def _coverage_chart(history: Sequence[Iteration]) -> Markup:
     """Return over the recorded time the share of covered states and the error to expect."""
     shares = {
-        "covered": (np.array([100.0 * one.coverage for one in history]), "curve c1"),
-        "band": (np.array([100.0 * one.band for one in history]), "error"),
-        "disagreement": (np.array([100.0 * one.disagreement for one in history]), "series s1"),
+        "covered": (np.array([100.0 * iteration.coverage for iteration in history]), "curve c1"),
+        "band": (np.array([100.0 * iteration.band for iteration in history]), "error"),
+        "disagreement": (np.array([100.0 * iteration.disagreement for iteration in history]), "series s1"),
     }
     text = f"Covered: {shares['covered'][0][-1]:.0f} %."
     return _draw_progress("known", "What is known over the iterations", text, "Share [%]", history, shares, 104.0)
@@ -111,7 +111,7 @@ def _draw_progress(
     top: float,
 ) -> Markup:
     """Return curves (values, classes) by name over the recorded time, with a dot for each iteration."""
-    at = np.array([one.total_s for one in history])
+    at = np.array([iteration.total_s for iteration in history])
     marks: list[PlotMark] = [PlotLine(name, at, values, css) for name, (values, css) in curves.items()]
     marks += [PlotDots(name, at, values, f"{css} spot") for name, (values, css) in curves.items()]
     view = (0.0, 1.03 * max(float(at.max()), 1.0))
@@ -119,7 +119,7 @@ def _draw_progress(
     return draw_plot(Plot(ident, title, text, SECONDS, [area], WIDTH, x_view=view, group="progress", x_ticks=7))
 
 
-def _experiment(number: int, one: Iteration, commands: RigCommands, limits: RigLimits) -> dict[str, Any]:
+def _experiment(number: int, iteration: Iteration, commands: RigCommands, limits: RigLimits) -> dict[str, Any]:
     """Return name, figure and peaks of an experiment."""
     time, stroke, current = commands.time_s, 1e3 * commands.stroke_m, commands.current_A
     areas = [
@@ -134,10 +134,10 @@ def _experiment(number: int, one: Iteration, commands: RigCommands, limits: RigL
         "speed": f"{abs(speed).max():.2f} of {limits.speed_m_s:.3g} m/s",
         "acceleration": f"{abs(acceleration).max():.0f} of {limits.acceleration_m_s2:.3g} m/s²",
         "current": f"{current.min():.2f} to {current.max():.2f} A",
-        "rest before": f"{one.rest_s:.0f} s",
-        "heat load after": f"{one.load_W:.0f} W",
+        "rest before": f"{iteration.rest_s:.0f} s",
+        "heat load after": f"{iteration.load_W:.0f} W",
     }
-    return {"name": one.name, "figure": draw_plot(plot, COMMAND_POINTS), "peaks": peaks}
+    return {"name": iteration.name, "figure": draw_plot(plot, COMMAND_POINTS), "peaks": peaks}
 
 
 def _range(values: F) -> tuple[float, float]:

@@ -122,8 +122,8 @@ class Step:
         """Keep a model and its ensemble; the model last, so that with it the ensemble is complete."""
         for old in self.folder.glob("ensemble_*.json"):
             old.unlink()
-        for k, one in enumerate(ensemble, 1):
-            one.save(self.folder / f"ensemble_{k}.json")
+        for k, member in enumerate(ensemble, 1):
+            member.save(self.folder / f"ensemble_{k}.json")
         model.save(self.folder / MODEL)
 
     def read_models(self) -> tuple[Model, list[Model]]:

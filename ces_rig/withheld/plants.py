@@ -45,9 +45,9 @@ def draw_plant(kind: str, rng: Generator, design: DamperModel | None = None) -> 
 
     Raises RigError for a kind not in PLANTS.
     """
-    one = _require_kind(kind)
-    middle = one.design if design is None else design
-    factors = {path: float(np.exp(spread * rng.standard_normal())) for path, spread in one.varied.items()}
+    damper_kind = _require_kind(kind)
+    middle = damper_kind.design if design is None else design
+    factors = {path: float(np.exp(spread * rng.standard_normal())) for path, spread in damper_kind.varied.items()}
     return middle.with_numbers({path: f * middle.number(path) for path, f in factors.items()})
 
 

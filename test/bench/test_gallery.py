@@ -27,7 +27,7 @@ def test_a_damper_has_a_row_for_each_structure_and_a_picture(tmp_path, monkeypat
             shutil.copy(MODEL, fit / "model.json")
             write_recording(made, fit / "recordings" / name)
     gallery.main([str(tmp_path), "--fits", str(tmp_path), "--pictures", str(tmp_path)])
-    rows = [row.split(" | ") for row in capsys.readouterr().out.splitlines()[2:]]
+    rows = [row.strip("|").split("|") for row in capsys.readouterr().out.splitlines()[2:]]
     assert [row[1] for row in rows] == ["polynomial", "auto: polynomial"]
     assert rows[0][4].startswith(f"{validate(MODEL, tmp_path / 'd_auto' / 'recordings' / 'b')[0].cost:.1f} (")
     assert 10_000 < (tmp_path / "gallery_d.png").stat().st_size < 100_000

@@ -10,7 +10,18 @@ from made_recordings import recording_of
 
 from bench.gaps.effects import CHANGES, read_friction, read_offset, read_play
 from bench.gaps.real_cases import Data
-from bench.gaps.real_gaps import DOUBT, NOTHING, PARTLY, RIGHT, WRONG, all_cases, diagnose_case, judge
+from bench.gaps.real_gaps import (
+    DOUBT,
+    NOTHING,
+    PARTLY,
+    RIGHT,
+    WRONG,
+    CaseAnswer,
+    all_cases,
+    diagnose_case,
+    judge,
+    table,
+)
 from bench.gaps.simulations import BandBrake, SpeedPolynomial
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
 from ces_gap.inference.judgement import CALIBRATION, TIMING
@@ -71,6 +82,17 @@ def test_every_measured_recording_is_in_the_table(cases):
     folders = ("brfd_backlash", "utfsm_mr", "dyke_mr")
     logs = {p.stem for folder in folders for p in (DATA / folder).iterdir() if p.suffix in (".csv", ".json")}
     assert logs <= {log for case in cases.values() for log in case.logs}
+
+
+def test_answers_about_one_simulation_and_truth_share_a_row():
+    named = CaseAnswer("brake, 1 Hz", "play", "named: backlash", RIGHT, 0.45, (("gap_m", 0.0041),))
+    other = CaseAnswer("brake, 2 Hz", "play", "unknown", NOTHING, 0.1, ())
+    none = CaseAnswer("damper, 1 Hz", "nothing", "no gap", RIGHT, None, ())
+    rows = table([named, other, none]).splitlines()[2:]
+    assert rows == [
+        "|brake|play|1 named: backlash; 1 unknown|1 right; 1 none|10…45|gap_m 0.0041|",
+        "|damper|nothing|no gap|right|||",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import shutil
 from collections.abc import Iterator
@@ -239,6 +240,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, shared_model: SharedResults
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(here)
         patch.syspath_prepend(here)
+        patch.setattr("ces_cli.terminal.progress.LOG_EVERY_S", math.inf)  # else a busy computer logs progress
         yield here
 
 

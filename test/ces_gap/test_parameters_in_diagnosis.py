@@ -108,3 +108,17 @@ def test_a_parameter_that_is_off_behind_the_noise_is_a_remark() -> None:
     assert d.verdict in (NO_GAP, AMBIGUOUS)  # an RMS within the noise, or a deviation of 0.3 s that just stands out
     (note,) = (note for note in d.notes if note.startswith("gas_N_m: "))
     assert re.fullmatch(r"gas_N_m: (19|20)\d\d \(.* fits better than 1500, but .* lies within twice the noise", note)
+
+
+def test_with_references_a_parameter_that_has_changed_since_competes() -> None:
+    new = [record("knee", {}, seed, 8.0, lag_s=0.004) for seed in (11, 12)]  # the simulation's own error: a lag
+    worn = [record("knee", {"seal_N": 60.0}, seed, 8.0, lag_s=0.004) for seed in (1, 2)]
+    options = DiagnoseOptions(experiment=False, fit=("seal_N", "gas_N_m", "knee_m_s"))
+    simulation = FunctionSimulation("knee", SIMULATORS["knee"])
+    d = diagnose(simulation, "bench.gaps.users_dampers:knee", worn[:1], worn[1:], new, options)
+    assert d.composition.effects == ("parameters",) and d.composition.gap_after_N < 0.3 * d.gap.corrected_N
+    (seal,) = [e for e in d.composition.estimates[0] if e.name == "seal_N"]
+    assert seal.value == pytest.approx(60.0, rel=0.1) and seal.default == 25.0
+    assert " seal_N is " in d.sentence and ", not 25 (" in d.sentence
+    fixed = diagnose(simulation, "s", worn[:1], worn[1:], new, DiagnoseOptions(experiment=False))
+    assert "parameters" not in {name for c in fixed.causes for name in c.effects}

@@ -9,7 +9,7 @@ import pytest
 from campaign_parts import RULES, made
 from patience import command_of, wait_until
 
-from ces_identify.campaign.cell import compute_cell
+from ces_identify.campaign.cells import compute_cell
 from ces_identify.campaign.plan import jobs, load_campaign
 from ces_identify.jobs import Task, run_in_processes, run_on_this_machine
 from ces_observer.errors import CesError

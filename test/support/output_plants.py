@@ -73,13 +73,11 @@ def coulomb_stribeck(coulomb: float, rounding: float, excess: float, stribeck: f
     return force
 
 
-def lugre(
-    coulomb: float, presliding: float, excess: float = 0.0, viscous: float = 0.0, pressed: float = 0.0
-) -> Planted:
+def lugre(coulomb: float, presliding: float, excess: float = 0.0, viscous: float = 0.0) -> Planted:
     """The differential equation itself, by Euler's method on the fine grid: sigma0 = coulomb / presliding."""
 
     def force(m: Motion) -> F:
-        level = 1.0 + excess * np.exp(-((m.speed / 0.02) ** 2)) + pressed * np.abs(m.force)
+        level = 1.0 + excess * np.exp(-((m.speed / 0.02) ** 2))
         bend = np.zeros_like(m.time)  # [m]
         for k in range(1, len(bend)):
             v, limit = m.speed[k], presliding * level[k]
@@ -91,22 +89,6 @@ def lugre(
 
 def mass(kilograms: float) -> Planted:
     return lambda m: m.force + kilograms * m.acceleration
-
-
-def mass_on_cell(kilograms: float, stiffness: float) -> Planted:
-    """A mass on a spring with a damping ratio of 0.05, by central differences (symplectic Euler)."""
-
-    def force(m: Motion) -> F:
-        pushing = m.force + kilograms * m.acceleration
-        square = stiffness / kilograms
-        cell, rate = np.empty_like(pushing), 0.0
-        cell[0] = pushing[0]
-        for k in range(1, len(cell)):
-            rate += m.step * (square * (pushing[k - 1] - cell[k - 1]) - 0.1 * np.sqrt(square) * rate)
-            cell[k] = cell[k - 1] + m.step * rate
-        return cell
-
-    return force
 
 
 def gas(pressure: float, area: float, volume: float, tare: float = 0.0) -> Planted:

@@ -17,6 +17,7 @@ from ces_gap.trace import Trace, TraceInputs
 GAP = magnitude("gap_m", 0.0, 0.1, (5e-4, 2e-3), "total free play", usual=(0.0, 0.01))
 SAME_N = 1e-6  # [N] difference below which the force of a loose joint equals that of a tight one
 FAR = 30.0  # times the stroke of contact: room beyond which a joint is open
+NEARLY = 0.99  # of the fastest speed of a map
 SUBSTEP_S = 5e-4  # [s] of the integration: the joint separates and closes between ticks
 SOFT = 0.03  # of the RMS force: width of its change of direction
 
@@ -83,13 +84,24 @@ class PartedPlay(Backlash):
     )
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        plant, (gap, level) = trace.sprung_map, values
-        substeps = int(np.ceil(trace.step_s / SUBSTEP_S - 1e-6))
-        options = plant.map.kernel(), plant.compliance, trace.step_s, substeps
-        motion = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
-        tight = tight_force(*motion, *options)
-        memory = remove_high_frequencies(force - tight[::substeps], trace.rate_Hz)
-        return force + thin_out(loose_force(*motion, memory, tight, gap, level, *options) - tight, substeps)
+        gap, level = values
+        return force + change_by_joint(trace, inputs, force, (-0.5 * gap, 0.5 * gap), 0.0, level)
+
+
+def change_by_joint(
+    trace: Trace, inputs: TraceInputs, force: F, ends: tuple[float, float], start: float, level: float
+) -> F:
+    """Return the change of force [N] (n,) by a joint in series, at `start` between its `ends` [m] at first.
+
+    While it is open the force is `level` [N]. The damper is a map of speed and current behind its own spring.
+    """
+    plant = trace.sprung_map
+    substeps = int(np.ceil(trace.step_s / SUBSTEP_S - 1e-6))
+    options = plant.map.kernel(), plant.compliance, trace.step_s, substeps
+    motion = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
+    tight = tight_force(*motion, *options)
+    memory = remove_high_frequencies(force - tight[::substeps], trace.rate_Hz)
+    return thin_out(loose_force(*motion, memory, tight, ends, start, level, *options) - tight, substeps)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -135,17 +147,18 @@ def tight_force(speed: F, level: F, plant: MapTable, own: float, step_s: float, 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def loose_force(
-    speed: F, level: F, memory: F, tight: F, gap: float, parted: float, plant: MapTable, own: float, step_s: float,
-    substeps: int,
+    speed: F, level: F, memory: F, tight: F, ends: tuple[float, float], start: float, parted: float, plant: MapTable,
+    own: float, step_s: float, substeps: int,
 ) -> F:  # fmt: skip
-    """Return the force [N] ((n - 1)·substeps + 1,) of a damper behind a joint with a gap, minus `memory`.
+    """Return the force [N] ((n - 1)·substeps + 1,) of a damper behind a joint, minus `memory`.
 
     The damper is f(v' - own·dF/dt) + memory, f the `map_force_and_slope` of `plant`; `tight` is its `tight_force`
-    without a gap. The joint's position z stays at ±gap/2 while it is pushed or pulled; in between, the damper moves so
-    that its force is `parted`. Implicit Euler.
+    without a joint. Its position z, first `start`, stays at an end while it is pushed to the upper or pulled to the
+    lower one; in between, the damper moves so that its force is `parted`. Implicit Euler.
     """
     out = np.empty((len(speed) - 1) * substeps + 1)
-    h, half, z, g, creep = step_s / substeps, 0.5 * gap, 0.0, speed[0], 0.0
+    low, high = ends
+    h, z, g, creep = step_s / substeps, start, speed[0], 0.0
     force = tight[0]
     out[0] = force
     for i in range(1, len(out)):
@@ -155,9 +168,9 @@ def loose_force(
         moved, touching = v, tight[i]
         if abs(force - tight[i - 1]) > SAME_N:
             moved, touching = _solve_map_speed(v, s, force, g, own / h, plant)
-        if (touching < free or z < half) and (touching > free or z > -half):
+        if (touching < free or z < high) and (touching > free or z > low):
             creep = _solve_speed_at_force(free, s, creep, plant)
-            goal = min(max(z + h * (v - creep) - own * (free - force), -half), half)
+            goal = min(max(z + h * (v - creep) - own * (free - force), low), high)
             moved, touching = _solve_map_speed(v - (goal - z) / h, s, force, moved, own / h, plant)
             z = goal
         g, force = moved, touching
@@ -183,10 +196,13 @@ def _solve_map_speed(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve_speed_at_force(force: float, s: float, guess: float, plant: MapTable) -> float:
-    """Return the speed [m/s] at which f is `force` [N], within the map's range, by bracketed Newton iteration."""
+    """Return the speed [m/s] at which f is `force` [N], within the map's range, by bracketed Newton iteration.
+
+    It begins at the `guess`, or at 0 where this is at the end of the range, beyond which the map may fall.
+    """
     fastest = plant[0] * ((1.0 + plant[1]) ** 2 - 1.0)
     low, high = -fastest, fastest
-    g = min(max(guess, low), high)
+    g = guess if abs(guess) < NEARLY * fastest else 0.0
     for _ in range(40):
         value, slope = map_force_and_slope(g, s, plant[0], plant[1], plant[2])
         g, low, high, move = move_in_bracket(g, low, high, force - value, slope + 1e-3)

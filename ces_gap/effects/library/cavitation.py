@@ -7,11 +7,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
+from ces_data.arrays import F
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, stiffness
+from ces_gap.effects.library.backlash import change_by_joint
 from ces_gap.effects.network import TwinRun
-from ces_gap.trace import Trace
+from ces_gap.trace import Trace, TraceInputs
 
 STARVED_AT, LOW_FLOOR = (0.3, 0.08, 0.02), 0.2  # shares of area and of pressure at which searches begin
+VOID_AT = (0.75, 0.4, 0.5, 0.62, 0.9)  # shares of a large simulated force at which searches of a void begin
+LARGE = 99.5  # [%] of the simulated forces that lie below a large one
+LONGEST_VOID_M = 1.0  # [m] longer than any stroke
 
 
 class Cavitation(Effect):
@@ -50,14 +55,29 @@ class StarvedRebound(StarvedRefill):
     form, edge = "starved_rebound", "external"
 
 
-class LowerFloor(Cavitation):
-    """Inside the damper: a lower pressure of the reservoir, from which chambers run empty, and air that comes out."""
+class VoidInCompression(Cavitation):
+    """A void between rod and oil: compression opens it at the force `void_N`, and the way back closes it first.
 
-    form, edits = "lower_floor", True
-    parameters = (
-        EffectParameter("floor_share", 0.01, 1.0, (0.5, 0.2), "reservoir's pressure over the twin's", "log"),
-        magnitude("air", 0.0, 100.0, (0.0, 1.0), "compliance of air that comes out, over that of the oil"),
-    )
+    The force stays at `void_N`, what the reservoir's pressure can push into the rod side, until the void is full again
+    (Dixon 2007, on cavitation). Outside the twin: in one of a magneto-rheological damper springs that yield stand
+    beside the chambers, and carry their force through any void.
+    """
 
-    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
-        return run.with_body(reservoir_N=values[0] * run.body.reservoir_N, air=run.body.air + values[1])
+    form: ClassVar[str] = "void_in_compression"
+    direction: ClassVar[float] = 1.0
+    parameters = (stiffness("void_N", 10.0, 1e6, (1e3,), "force at which a chamber runs empty"),)
+
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
+        ends = (0.0, LONGEST_VOID_M) if self.direction > 0.0 else (-LONGEST_VOID_M, 0.0)
+        return force + change_by_joint(trace, inputs, force, ends, 0.0, self.direction * values[0])
+
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        simulated = self.direction * trace.simulated[trace.usable | ~trace.usable.any()]
+        large = max(float(np.percentile(simulated, LARGE)), 100.0)
+        return [(share * large,) for share in VOID_AT]
+
+
+class VoidInRebound(VoidInCompression):
+    """The same in the other direction."""
+
+    form, direction = "void_in_rebound", -1.0

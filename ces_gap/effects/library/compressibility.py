@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+
+import numpy as np
 
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
 from ces_gap.effects.network import TwinRun
+from ces_gap.grid import rms
 
 MIN_OWN_M_N = 1e-9  # [m/N] compliance that every chamber has at least
+MIN_LENGTH_SHARE = 0.1  # of a column's length at position zero
+SQUEEZED = 0.5  # of the RMS force
+COMPLIANCE = magnitude("compliance_m_N", 0.0, 1e-3, (1e-7,), "mean compliance added to the chambers")
 
 
 class Compressibility(Effect):
@@ -22,9 +27,7 @@ class SofterOil(Compressibility):
     """Inside the damper: its chambers store more, each in proportion to what it stored before."""
 
     form, edits = "softer_oil", True
-    parameters: ClassVar[tuple[EffectParameter, ...]] = (
-        magnitude("compliance_m_N", 0.0, 1e-3, (1e-7,), "mean compliance added to both chambers"),
-    )
+    parameters = (COMPLIANCE,)
 
     def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         own = [max(c, MIN_OWN_M_N) for c in (run.body.compression_m_N, run.body.rebound_m_N)]
@@ -32,28 +35,37 @@ class SofterOil(Compressibility):
         return run.with_body(compression_m_N=softer * own[0], rebound_m_N=softer * own[1])
 
 
-class SofterChambers(Compressibility):
-    """The same, each chamber by its own number."""
+class Column(Compressibility):
+    """A column of oil in series with the damper, whose compliance c (1 + x / L) grows with its length.
 
-    form, edits = "softer_chambers", True
+    In a monotube the rod side is such a column, while gas holds the other chamber: L is its length at position zero,
+    0.1 to 0.3 m. A mount is as soft at any stroke.
+    """
+
+    form, edits, limit = "column", True, "mount_compliance"
+    parameters = (COMPLIANCE, EffectParameter("column_m", 0.04, 0.4, (0.1,), "length of the column", "log"))
+
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
+        softness = values[0] * np.maximum(1.0 + run.position / values[1], MIN_LENGTH_SHARE)
+        return run.behind_spring(lambda force: softness * force, float(softness.max()))
+
+
+class AiryColumn(Compressibility):
+    """Oil with air in series with the damper: c F (1 + air / (1 + |F| / N)), soft while the force is small.
+
+    N is the force at which half of the air is squeezed, half of the damper's RMS force. A mount is as soft at any
+    force. Of springs that yield beside the chambers (a magneto-rheological fluid) the twin has this compliance only.
+    """
+
+    form, edits, limit = "airy_column", True, "mount_compliance"
     parameters = (
-        magnitude("compression_m_N", 0.0, 1e-3, (1e-7,), "compliance added to the compression chamber"),
-        magnitude("rebound_m_N", 0.0, 1e-3, (1e-7,), "compliance added to the rebound chamber"),
+        COMPLIANCE,
+        EffectParameter("air", 0.1, 30.0, (1.0, 5.0), "compliance of the air over that of the oil, at rest", "log"),
     )
 
     def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
-        body = run.body
-        return run.with_body(compression_m_N=body.compression_m_N + values[0], rebound_m_N=body.rebound_m_N + values[1])
-
-
-class MoreAir(SofterOil):
-    """The same, and more air in the oil, which is soft near the pressure of the reservoir."""
-
-    form = "more_air"
-    parameters = (
-        *SofterOil.parameters,
-        magnitude("air", 0.0, 300.0, (0.5, 3.0), "compliance of the air over that of the oil, at rest"),
-    )
-
-    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
-        return super().edit(run, values).with_body(air=run.body.air + values[1])
+        compliance, air = values
+        half_N = SQUEEZED * rms(run.force()) + 1e-3
+        return run.behind_spring(
+            lambda force: compliance * force * (1.0 + air / (1.0 + np.abs(force) / half_N)), compliance * (1.0 + air)
+        )

@@ -86,19 +86,6 @@ class LuGre(FrictionForce):
         return np.asarray(force + coulomb * (bent + viscous * inputs.speed))
 
 
-class PressureDependent(FrictionForce):
-    """The damper's pressure loads the lip seal: F + Fc z (1 + q |F|), z as in presliding."""
-
-    form = "pressure_dependent"
-    needs = "strokes that reverse, at small and large forces"
-    parameters = (COULOMB, PRESLIDING, PRESSED)
-
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        coulomb, presliding, pressed = values
-        level = 1.0 + pressed * np.abs(force)
-        return np.asarray(force + coulomb * bristles(inputs.position, level, presliding))
-
-
 class InnerSeal(FrictionForce):
     """Inside the damper, behind its mounts: a spring that yields at Fc, and more of it with the rebound pressure."""
 

@@ -1,4 +1,24 @@
-"""Numerical kernel of the hydraulic damper: the equations of docs/rig.md, integrated with a fixed small step.
+"""Numerical kernel of the hydraulic damper: its equations, integrated with a fixed small step.
+
+* bushing, measured force: F = k·(x − x_p) + c·(v − v_p), after free play
+* rod and piston: m·dv_p/dt = F − (p_c·A_p − p_r·A_a − p_atm·A_rod) − F_seal − F_bump
+* compression chamber: V_c·κ(p_c)·dp_c/dt = A_p·v_p + w(p_c)·(q_top,c − q_piston), V_c = V_c0 − A_p·x_p
+* rebound chamber: V_r·κ(p_r)·dp_r/dt = −A_a·v_p + w(p_r)·(q_piston + q_top,r − q_CES), V_r = V_r0 + A_a·x_p
+* reservoir: (V_oil·κ(p_g) + V_gas/(n·p_g))·dp_g/dt = w(p_g)·(q_CES − q_top,c − q_top,r), V_gas = V_0·(p_0/p_g)^(1/n)
+* oil with air, vapour floor: w(p) = (1−α)·e^(−(p−p_atm)/B) + α·(p_atm/p)^(1/n_air) + ln(1+e^((p_vap−p)/400 Pa)), κ =
+  −w′/w
+* orifice: q = A·√(2/ρ)·Δp/(Δp² + (4 kPa)²)^¼: turbulent, laminar near zero; A holds the discharge coefficient
+* check valve: τ·ds/dt = S((Δp − p_crack)/(p_full − p_crack)) − s, S(u) = u²(3−2u) on 0…1; τ differs opening and
+  closing
+* CES poppet: τ_y·dy/dt = S((p_r − p_g − p_pilot)/band) − y; flow area A_pilot + A·y
+* coil: τ_i·di/dt = i_command − i
+* magnetic hysteresis: mean of four play operators of half widths ¼, ¾, 1¼, 1¾ of `hysteresis_A` (Prandtl–Ishlinskii)
+* pilot: τ·dp_pilot/dt = p_crack(i) − p_pilot, τ differs rising and falling; p_crack linear in i², bent softly at both
+  ends of the working range, along its tangents beyond
+* seal (LuGre): dz/dt = v − σ₀·|v|/g·z, F = σ₀·z + σ₁·dz/dt + σ₂·v, g with Stribeck, growing with rebound pressure
+* heat: C·dT/dt = dissipated power − G·(T − T_amb); viscosity falls as e^(−b(T−40 °C))
+
+w is the volume of a mass of oil over its volume at atmospheric pressure, so flows carry mass and oil is conserved.
 
 Scheme: ROS2 (Verwer et al., SIAM J. Sci. Comput. 20, 1999), a linearly implicit two-stage method, of second order with
 any Jacobian and L-stable with the exact one. The Jacobian used here is exact for the stiff part (bushing, piston,

@@ -1,6 +1,6 @@
 """Parameters of the hydraulic CES damper, each with unit, plausible range and meaning; loadable from YAML.
 
-All units are SI. The equations are in `kernel.py` and docs/rig.md. Effective areas include the discharge coefficient.
+All units are SI. The equations are in `kernel.py`. Effective areas include the discharge coefficient.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from programs import ces, run_here
 from small_recordings import make_columns, write_columns
 
 from ces_cli.identify.campaign import describe_cell, result_tables
-from ces_identify.campaign.rows import CampaignRows, CellNames
+from ces_identify.campaign.cells import CampaignRows, CellNames
 from ces_identify.jobs import JobResult, ResultsFolder
 
 pytestmark = pytest.mark.slow

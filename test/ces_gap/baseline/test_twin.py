@@ -12,8 +12,8 @@ from twin_traces import MADE, traced
 
 from ces_data.arrays import F
 from ces_gap.baseline import twin_fit
-from ces_gap.baseline.twin import Twin
-from ces_gap.baseline.twin_fit import find_twin, fit_twin, place_current_nodes
+from ces_gap.baseline.twin import Twin, make_run
+from ces_gap.baseline.twin_fit import find_column, find_twin, fit_twin, place_current_nodes
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.library.leakage import PastPiston
 from ces_gap.effects.library.mount_compliance import SeriesMount
@@ -21,6 +21,10 @@ from ces_gap.grid import rms
 from ces_observer.errors import ModelError
 
 LEAK = Composition((Setting(PastPiston(), (3e-5,)),))
+
+
+HEAVY = replace(MADE.body, side=replace(MADE.body.side, mass_kg=3.0))
+RINGING = replace(MADE, body=HEAVY, column_s2=(2.0 * np.pi * 120.0) ** -2)
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +70,36 @@ def test_effects_inside_act_at_changed_inputs_too() -> None:
 
 
 def test_a_twin_is_read_as_it_was_written() -> None:
-    document = json.loads(json.dumps(MADE.as_json()))
-    assert Twin.from_json(document) == MADE
-    with pytest.raises(ValueError, match="expected 'ces-twin/1'"):
+    document = json.loads(json.dumps(RINGING.as_json()))
+    assert Twin.from_json(document) == RINGING
+    assert Twin.from_json({k: v for k, v in document.items() if k != "column_s2"}) == replace(RINGING, column_s2=0.0)
+    with pytest.raises(ModelError, match="expected 'ces-twin/1'"):
         Twin.from_json({**document, "schema": "ces-model/1"})
     with pytest.raises(ModelError):
         Twin.from_json({**document, "tick_s": 0.0})
+
+
+def test_a_column_of_oil_is_seen_in_the_error_of_a_twin_without_one() -> None:
+    """Its frequency is right to a fifth. Another error, as of a leak, does not ask for one."""
+    plain, traces = replace(RINGING, column_s2=0.0), [traced(RINGING, seed) for seed in (1, 2)]
+    assert find_column(plain, traces) == pytest.approx(RINGING.column_s2, rel=0.4)
+    leaking = LEAK.edit(make_run(plain, traced(plain))).body
+    assert find_column(plain, [traced(replace(plain, body=leaking))]) == 0.0
+
+
+def test_a_softer_mount_lowers_the_frequency_of_a_column() -> None:
+    run = make_run(RINGING, traced())
+    assert run.softened(1e-6).column_s2 == pytest.approx(RINGING.column_s2 + RINGING.body.side.mass_kg * 1e-6)
+    assert make_run(MADE, traced()).softened(1e-6).column_s2 == 0.0
+
+
+@pytest.mark.slow
+def test_a_twin_of_a_network_with_a_column_has_its_mass(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(twin_fit, "KINDS", ("twin tube",))
+    twin = fit_twin([traced(RINGING, seed) for seed in (1, 2)], 2)
+    assert twin is not None and twin.cost_J < 3.0
+    assert twin.column_s2 == pytest.approx(RINGING.column_s2, rel=0.4)
+    assert twin.body.side.mass_kg == pytest.approx(RINGING.body.side.mass_kg, rel=0.2)
 
 
 def test_nodes_lie_where_currents_are_frequent_and_one_beyond() -> None:

@@ -274,9 +274,9 @@ def test_a_composition_that_enlarges_the_gap_or_has_none_is_withdrawn(verdict: s
 def test_an_effect_whose_interval_includes_none_is_undetermined() -> None:
     first, *others = named().composition.estimates[0]
     assert not has_undetermined_effect(named().composition)
-    assert has_undetermined_effect(
-        replace(named().composition, estimates=((replace(first, ci95=(-5.0, 80.0)), *others),))
-    )
+    wide = replace(named().composition, estimates=((replace(first, ci95=(-5.0, 80.0)), *others),), gain=0.1)
+    assert has_undetermined_effect(replace(wide, gain_error=0.08))
+    assert not has_undetermined_effect(replace(wide, gain_error=0.04))  # it saturates, and is surely there
 
 
 def test_each_effect_of_several_says_what_is_lost_without_it() -> None:

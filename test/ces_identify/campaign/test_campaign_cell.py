@@ -5,10 +5,9 @@ from dataclasses import replace
 import pytest
 from campaign_parts import CAMPAIGN, RULES, made
 
-from ces_identify.campaign import cell as module
-from ces_identify.campaign.cell import compute_cell
+from ces_identify.campaign import cells as module
+from ces_identify.campaign.cells import compute_cell, is_proved
 from ces_identify.campaign.plan import jobs, load_campaign
-from ces_identify.campaign.rows import is_proved
 from ces_identify.jobs import CRASHED, DONE, FAILED
 from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import evaluate

@@ -3,8 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_identify.campaign.rows import COST_TOLERANCE, front, is_proved, recommend_model
+from ces_identify.campaign.cells import front, is_proved, recommend_model
 from ces_identify.jobs import DONE, FAILED
+from ces_identify.limits import ChoiceLimits
 
 
 def row(parameters, cost, gain=0.5, status=DONE, validation=1.0, bound_N=900.0):
@@ -52,4 +53,4 @@ def test_nothing_beats_the_front_and_the_front_beats_the_rest(points):
         if r in best:
             assert better == [r]
     chosen = recommend_model(rows)["selection_J"]
-    assert chosen <= (1.0 + COST_TOLERANCE) * min(r["selection_J"] for r in rows)
+    assert chosen <= (1.0 + ChoiceLimits.COST_TOLERANCE) * min(r["selection_J"] for r in rows)

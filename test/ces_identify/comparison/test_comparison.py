@@ -11,26 +11,22 @@ from residual_series import RATE, coloured
 from ces_data.checks.content import recording_marks
 from ces_identify import compare_models, make_recording, read_recording
 from ces_identify.comparison.compared_models import (
-    TEST,
-    TRAINED,
-    UNKNOWN,
-    AlignedRecording,
-    make_compared_model,
-    name_sources,
-)
-from ces_identify.comparison.comparison import Comparison, compare, score_models
-from ces_identify.comparison.pair_results import (
     BETTER,
     DIVERGED,
     NO_TEST,
     SAME,
     SHORT,
-    adjusted_p_values,
+    TEST,
+    TRAINED,
+    UNKNOWN,
+    AlignedRecording,
     compare_pairs,
     find_differences,
+    make_compared_model,
     pooled_costs,
-    step_levels,
 )
+from ces_identify.comparison.comparison import Comparison, compare, name_sources, score_models
+from ces_identify.numerics.correlation import adjusted_p_values, step_levels
 from ces_identify.prepare.cost import cost
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
 from ces_observer.errors import CesError

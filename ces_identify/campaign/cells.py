@@ -1,16 +1,84 @@
-"""The results of a campaign: their names, the models on the front of cost against size, and the recommended one."""
+"""Cells of a campaign: recordings in, a row of results and the model's text out; what the rows of all cells say.
+
+A cell runs in a worker on any machine. Rows have names by the settings that vary; on the front of cost against size are
+the models that no other beats in both, and one of them is recommended.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import asdict, dataclass
+from functools import cached_property, partial
 
-from ces_identify.jobs import DONE, Row
+import numpy as np
 
+from ces_data.recording import Recording
+from ces_identify.campaign.plan import AUTO, Campaign, CampaignJob
+from ces_identify.identification import identify
+from ces_identify.jobs import DONE, JobResult, Row, run_job
+from ces_identify.limits import ChoiceLimits
+from ces_identify.numerics.search import INTERRUPTED
+from ces_identify.options import build_identify_options
+from ces_identify.structures import KITS
+from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation
+
+REST = "rest"  # the part of a recording after `split`, as a validation set
 COUNTED = ("terms", "units", "rules", "curves")
-COST_TOLERANCE = 0.1  # relative to the lowest selection cost: the excess allowed for a smaller model
-IDENTIFICATION = "identification"
+
+
+def compute_cell(job: CampaignJob, recordings: Sequence[Recording], _: Sequence[object] = ()) -> JobResult:
+    """Identify and evaluate the model of a cell; `recordings` are the identification, then the validation data.
+
+    A search that Ctrl-C interrupted raises KeyboardInterrupt: it is not the cell's result.
+    """
+    return run_job(job, partial(_identify_cell, job, recordings))
+
+
+def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResult:
+    began, count, settings = time.monotonic(), len(job.recordings), job.cell.settings
+    rate = None if settings["rate"] == AUTO else float(settings["rate"])
+    options = build_identify_options(
+        {**asdict(job.limits), **settings, "rate": rate, "split": job.split, "candidates": job.rules}
+    )
+    fitter = KITS[job.cell.structure].fitter(settings)
+    result = identify(recordings[:count], recordings[count:], options, fitter=fitter)
+    if any(start.ended == INTERRUPTED for start in result.search_results):
+        raise KeyboardInterrupt
+    result = result.require_explained(job.found, job.ignore_findings)
+    seconds = time.monotonic() - began
+    best, certificate = result.search_results[0], result.model.certificate or {}
+    row = {
+        **job.identity,
+        "status": DONE,
+        "size": result.model.size,
+        "parameters": len(best.coefficients),
+        "selection_J": _finite(best.cost),
+        "costs": _costs(job, result.evaluations),
+        "gain": certificate.get("gain"),
+        "force_bound_N": certificate.get("force_bound_N"),
+        "seconds": round(seconds, 3),
+        "trials": sum(start.trials for start in result.search_results),
+        "ended": best.ended,
+    }
+    return JobResult(row, {job.output: result.model.to_json()})
+
+
+def _costs(job: CampaignJob, evaluations: Sequence[Evaluation]) -> list[Row]:
+    """Return the costs of each evaluation.
+
+    The sets are identification, the rest of those recordings after `split`, and the campaign's validation sets.
+    """
+    unseen = len(evaluations) - len(job.validation) - len(job.recordings)
+    names = [IDENTIFICATION] * len(job.recordings) + [REST] * unseen + [name for name, _ in job.validation]
+    return [
+        {"set": name, "recording": e.name, "role": e.role, "J": _finite(e.cost), "rms_N": _finite(e.rms_N)}
+        for name, e in zip(names, evaluations, strict=True)
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), 6) if np.isfinite(value) else None
 
 
 @dataclass(frozen=True)
@@ -19,6 +87,13 @@ class CellNames:
 
     varied: tuple[str, ...]
     with_bags: bool
+
+    @classmethod
+    def of(cls, campaign: Campaign) -> CellNames:
+        """Return the names of a campaign's cells, by the settings that vary in it."""
+        axes = [axis for own in (*campaign.structures.values(), campaign.common) for axis in own.items()]
+        varied = dict.fromkeys(name for name, values in axes if len(values) > 1)
+        return cls(tuple(varied), len(campaign.bags) > 1)
 
     def name(self, row: Row) -> str:
         """Return the structure of a cell and its settings that vary: polynomial, 12 terms, seed 1."""
@@ -65,7 +140,10 @@ def is_proved(row: Row) -> bool:
 def recommend_model(rows: Sequence[Row]) -> Row | None:
     """Return the smallest model on the front within 10 % of its lowest cost, None if there is no model."""
     best = front(rows)
-    return next((row for row in best if row["selection_J"] <= (1.0 + COST_TOLERANCE) * best[-1]["selection_J"]), None)
+    return next(
+        (row for row in best if row["selection_J"] <= (1.0 + ChoiceLimits.COST_TOLERANCE) * best[-1]["selection_J"]),
+        None,
+    )
 
 
 @dataclass(frozen=True)
@@ -105,10 +183,10 @@ class CampaignRows:
 
     def recommended(self) -> dict[str, Row]:
         """Return the recommended model of each set of bags, and of each delay if there are several."""
-        found = {}
+        models = {}
         for bags in self.bags:
             groups = self.of_delay(bags)
             for delay, rows in groups.items():
                 name = f"{bags}, delay {1e3 * delay:g} ms" if len(groups) > 1 else bags
-                found[name] = recommend_model(rows)
-        return {name: row for name, row in found.items() if row is not None}
+                models[name] = recommend_model(rows)
+        return {name: row for name, row in models.items() if row is not None}
