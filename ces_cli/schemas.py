@@ -21,10 +21,9 @@ from ces_observer.fields import Field, Schema
 from ces_observer.json_text import write_atomically
 from ces_observer.nodes import parameter_table
 from ces_observer.options import Option
-from ces_observer.records import OneOf, record_schema
+from ces_observer.records import record_schema
 from ces_observer.signals import FIELDS, NAMES, UNITS
-from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.stepper import HYDRAULIC, LUMPED
+from ces_rig.dampers.stepper import DAMPER
 from ces_rig.experiments.virtual import Experiment
 from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
 from ces_rig.live.rig import OF_THE_RIG
@@ -112,10 +111,10 @@ def signals_schema() -> Schema:
 
 def damper_schema() -> Schema:
     """Return the schema of a damper of any kind; without a kind it is hydraulic."""
-    schema, hydraulic = OneOf({HYDRAULIC: Damper, **LUMPED}).schema, record_schema(Damper, partial=True)
-    kind = {"kind": {"const": HYDRAULIC}}
-    then = {**hydraulic, "properties": {**kind, **hydraulic["properties"]}}
-    return {**schema, "required": [], "allOf": [{"if": {"properties": kind}, "then": then}, *schema["allOf"][1:]]}
+    schema = DAMPER.bare_schema
+    of_hydraulic = schema["allOf"][0]
+    del schema["required"], of_hydraulic["if"]["required"], of_hydraulic["then"]["required"]
+    return schema
 
 
 def iterate_schema() -> Schema:

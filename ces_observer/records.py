@@ -292,9 +292,10 @@ class OneOf(Shape):
     tag: str = "kind"
 
     @property
-    def kinds(self) -> Mapping[str, Any]:
-        """The records by their names."""
-        return self.named() if callable(self.named) else self.named
+    def kinds(self) -> Mapping[str, Record]:
+        """The records by their names; those of dataclasses need not be named as such."""
+        named = self.named() if callable(self.named) else self.named
+        return {name: one if isinstance(one, Record) else Record(one) for name, one in named.items()}
 
     @property
     def expected(self) -> str:  # type: ignore[override]  # of other shapes, it is the same for all
@@ -311,7 +312,7 @@ class OneOf(Shape):
         name = values[self.tag] if self.tag else given[0]
         if not isinstance(name, str) or name not in self.kinds:
             raise FieldError(f" is {quote(name)}; expected one of {', '.join(self.kinds)}", self.tag)
-        return Record(self.kinds[name])
+        return self.kinds[name]
 
     def keys(self, values: Mapping[str, Any]) -> tuple[str, ...]:
         """Return the tag and the keys of the chosen record."""
@@ -326,18 +327,18 @@ class OneOf(Shape):
 
     def write(self, value: Any) -> dict[str, Any]:
         """Return what the record writes, with its name under the tag."""
-        name = next(name for name, cls in self.kinds.items() if type(value) is cls)
-        written: dict[str, Any] = Record(self.kinds[name]).write(value)
+        name, record = next((name, one) for name, one in self.kinds.items() if type(value) is one.cls)
+        written = record.write(value)
         return written if not self.tag or self.tag in written else {self.tag: name, **written}
 
     @property
     def schema(self) -> Schema:
         """The schema that applies that of the chosen record, so that an error names the key at fault."""
         if not self.tag:
-            return {"type": "object", "anyOf": [Record(cls).schema for cls in self.kinds.values()]}
+            return {"type": "object", "anyOf": [one.schema for one in self.kinds.values()]}
         rules = list[Schema]()
-        for name, cls in self.kinds.items():
-            branch, tagged = Record(cls).schema, {self.tag: {"const": name}}
+        for name, one in self.kinds.items():
+            branch, tagged = one.schema, {self.tag: {"const": name}}
             branch["properties"] = tagged | {k: v for k, v in branch["properties"].items() if k != self.tag}
             branch["required"] = list(dict.fromkeys((self.tag, *branch.get("required", ()))))
             rules.append({"if": {"properties": tagged, "required": [self.tag]}, "then": branch})
