@@ -129,7 +129,7 @@ class Field(Shape):
     when: Callable[[Mapping[str, Any]], bool] | None = None
     inline: bool = False
     of: str | Callable[[Any], Any] = ""
-    rules: Schema = field(default_factory=dict)
+    rules: Schema = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         first = self.default

@@ -16,6 +16,7 @@ from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.records import bounded
+from ces_observer.structures.structure import require_length
 from ces_observer.tick.curves import MIN_RISE
 
 MAX_NODES = 64
@@ -54,8 +55,8 @@ def interpolate(at: Sequence[float], values: Sequence[float], x: float) -> float
 
 def require_rising(name: str, values: Sequence[float], count: int | None = None) -> None:
     """Raise ModelError unless `count` numbers rise by more than rounding errors."""
-    if count is not None and len(values) != count:
-        raise ModelError(f"{name} has {len(values)} numbers; expected a list of {count}, one for each node")
+    if count is not None:
+        require_length(name, values, count)
     least = MIN_RISE * max(map(abs, values))
     if not all(b - a > least for a, b in pairwise(values)):
         raise ModelError(f"{name} does not rise from number to number; identify the model again")
@@ -73,8 +74,7 @@ def check_slopes(at: Sequence[float], values: Sequence[float], least: float = MI
 def check_over_stroke(name: str, position_m: Sequence[float], values: Sequence[float]) -> None:
     """Raise ModelError unless `values`, which may fall, are a curve over the stroke."""
     require_rising("position_m", position_m)
-    if len(values) != len(position_m):
-        raise ModelError(f"{name} has {len(values)} numbers; expected a list of {len(position_m)}, one for each node")
+    require_length(name, values, len(position_m))
     check_slopes(position_m, values, 0.0)
 
 

@@ -17,7 +17,7 @@ from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
 from ces_observer.records import items, part
 from ces_observer.structures import lagged_signals as lagged
-from ces_observer.structures.structure import OperatingRange, Structure
+from ces_observer.structures.structure import OperatingRange, Structure, require_length
 from ces_observer.tick import experts as tick
 from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.model import S_STRUCTURE
@@ -70,7 +70,7 @@ class Experts(Structure):
             raise ModelError("expected a past force as past_force, and none among the inputs")
         for i, expert in enumerate(self.experts):
             for name in ROWS:
-                lagged.require_length(f"experts[{i}]: {name}", getattr(expert, name), len(self.inputs) + 1)
+                require_length(f"experts[{i}]: {name}", getattr(expert, name), len(self.inputs) + 1)
         return self
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:

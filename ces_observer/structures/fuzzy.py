@@ -24,7 +24,7 @@ from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
 from ces_observer.records import bounded, choice, items
 from ces_observer.structures import lagged_signals as lagged
-from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure
+from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure, require_length
 from ces_observer.tick import fuzzy as tick
 from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.structure import FUZZY
@@ -97,8 +97,8 @@ class Fuzzy(Structure):
     def checked(self) -> Self:
         """Return it; raises ModelError unless each rule has a membership of each premise and all coefficients."""
         for i, rule in enumerate(self.rules):
-            lagged.require_length(f"rules[{i}]: linear", rule.linear, len(self.regressors))
-            lagged.require_length(f"rules[{i}]: memberships", rule.memberships, len(self.premises))
+            require_length(f"rules[{i}]: linear", rule.linear, len(self.regressors))
+            require_length(f"rules[{i}]: memberships", rule.memberships, len(self.premises))
             for index, premise in zip(rule.memberships, self.premises, strict=True):
                 if index >= (count := len(premise.memberships)):
                     expected = f"expected a whole number from 0 to {count - 1}"

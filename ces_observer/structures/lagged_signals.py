@@ -9,7 +9,6 @@ from typing import Any, Protocol, Self
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
 from ces_observer.flat import Layout
-from ces_observer.json_text import quote
 from ces_observer.proof.intervals import Interval, add, down, product, up
 from ces_observer.records import bounded, choice
 from ces_observer.structures.structure import MAX_LAG, Ranges
@@ -67,12 +66,6 @@ class Lagged(Protocol):
     @property
     def lag(self) -> int:
         """Its lag in ticks."""
-
-
-def require_length(where: str, values: Sequence[object], count: int) -> None:
-    """Raise ModelError unless a list has as many values as it must."""
-    if len(values) != count:
-        raise ModelError(f"{where} is {quote(list(values))}; expected a list of {count} numbers")
 
 
 def affine(constant: float, slopes: Sequence[float], at: Sequence[Interval]) -> Interval:

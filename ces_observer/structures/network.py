@@ -18,7 +18,7 @@ from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import Interval, add, largest, product, up
 from ces_observer.records import items
 from ces_observer.structures import lagged_signals as lagged
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure, require_length
 from ces_observer.tick import sigmoid as tick
 from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.model import S_STRUCTURE
@@ -67,7 +67,7 @@ class Network(Structure):
             ("linear", self.linear),
             *((f"units[{i}]: slopes", u.slopes) for i, u in enumerate(self.units)),
         ):
-            lagged.require_length(where, numbers, len(self.regressors))
+            require_length(where, numbers, len(self.regressors))
         return self
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:

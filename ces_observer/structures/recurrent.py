@@ -27,8 +27,8 @@ from ces_observer.fields import REQUIRED
 from ces_observer.flat import Layout
 from ces_observer.proof.certificate import FORGOTTEN, Certificate
 from ces_observer.records import bounded, choice, items
-from ces_observer.structures.lagged_signals import MAX_NUMBER, require_length, spread, weight
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.lagged_signals import MAX_NUMBER, spread, weight
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure, require_length
 from ces_observer.tick import recurrent as tick
 from ces_observer.tick.model import K_STRUCTURE
 from ces_observer.tick.structure import RECURRENT

@@ -7,7 +7,7 @@ of the model file; the rest of the file is the same for every structure.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from sys import float_info
 from typing import ClassVar, Protocol
@@ -15,6 +15,7 @@ from typing import ClassVar, Protocol
 from ces_observer.core import bind, floats, ints
 from ces_observer.errors import ModelError
 from ces_observer.flat import Arrays, Layout
+from ces_observer.json_text import quote
 from ces_observer.proof.certificate import Certificate
 from ces_observer.tick import model
 
@@ -24,6 +25,12 @@ INPUTS = ("position", "speed", "current")
 
 Range = tuple[float, float]
 Ranges = Mapping[str, Range]  # of position [m], speed [m/s] and current [A] by name
+
+
+def require_length(where: str, values: Sequence[object], count: int) -> None:
+    """Raise ModelError unless a list has as many values as it must."""
+    if len(values) != count:
+        raise ModelError(f"{where} is {quote(list(values))}; expected a list of {count} numbers")
 
 
 @dataclass(frozen=True)
