@@ -206,11 +206,11 @@ def describe_rare(diagnosis: Diagnosis) -> str:
     rare = diagnosis.rare
     if rare is None:
         return ""
-    size = f"{minus(f'{rare.mean_N:+.0f}')} N over {format_number(1e3 * rare.window_s)} ms"
+    size = f"{minus(f'{rare.mean_N:+.3g}')} N over {format_number(1e3 * rare.window_s)} ms"
     inputs = f"stroke {format_number(1e3 * rare.stroke_m)} mm, speed {format_number(rare.speed_m_s)} m/s"
     where = f"{rare.time_s:.2f} s of {rare.recording} ({inputs}, current {format_number(rare.current_A)} A)"
     return (
-        f" A short deviation stands out, which an RMS hides: {size} at {where}; expected at most {rare.limit_N:.0f} N."
+        f" A short deviation stands out, which an RMS hides: {size} at {where}; expected at most {rare.limit_N:.3g} N."
     )
 
 

@@ -16,8 +16,7 @@ from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
 from ces_gap.calibrate.calibration import FreedParameters, free_parameters
 from ces_gap.calibrate.changed import changed_parameters
-from ces_gap.calibrate.choice import VISIBLE
-from ces_gap.calibrate.fitting import unexplained_N
+from ces_gap.calibrate.fitting import VISIBLE, unexplained_N
 from ces_gap.calibrate.free import NONE
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect

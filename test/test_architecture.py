@@ -68,10 +68,10 @@ MAX_PACKAGE = {
     "ces_observer": 139.9,
     "ces_data": 86,
     "ces_report": 11.5,
-    "ces_identify": 169.5,
-    "ces_rig": 77.2,
+    "ces_identify": 169.4,
+    "ces_rig": 76.8,
     "ces_gap": 127,
-    "ces_cli": 68.7,
+    "ces_cli": 66.4,
     "bench": 79.8,
     "test": 477,
 }

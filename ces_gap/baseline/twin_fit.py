@@ -34,6 +34,7 @@ from ces_observer.model import Envelope
 from ces_observer.structures.hydraulic import NEVER_S, Hydraulic
 
 KINDS = ("uniflow", "twin tube", "magneto-rheological")
+GROOVED_KINDS = ("monotube",)  # fitted to the end, too, where the force follows the stroke: most with a groove are
 WORK, ROWS = 0.25, 4  # of the comparison of kinds: work of a fit, and curves of the valve
 STRENGTHS = (0.03, 0.003)  # of the pulls of the last fit
 CLOSE = 1.15  # times the lowest cost: a second kind that is also fitted to the end
@@ -84,7 +85,7 @@ def find_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ig
 
 def _hash(traces: Sequence[Trace]) -> str:
     digest = hashlib.sha256(
-        repr((__version__, KINDS, WORK, ROWS, STRENGTHS, MAX_TICKS, MAX_STEPS, MIN_RINGING)).encode()
+        repr((__version__, KINDS, GROOVED_KINDS, WORK, ROWS, STRENGTHS, MAX_TICKS, MAX_STEPS, MIN_RINGING)).encode()
     )
     for trace in traces:
         for values in (trace.inputs.position, trace.inputs.current, trace.simulated):
@@ -172,13 +173,17 @@ def fit_network(
     )
     search = PhysicalSearch(Limits(threads=threads, work=WORK), lambda _: None)
     fits = search.run(coarse, scales, kinds or KINDS, ROWS, held=is_constant(coarse.inputs[2]))
+    grooved: list[PhysicalFit] = []
+    if fits and not kinds and len(fits[0].models.bypassed):
+        another = PhysicalSearch(replace(search.limits, stop=search.stop), search.listener)
+        grooved = another.run(coarse, scales, GROOVED_KINDS, ROWS, held=is_constant(coarse.inputs[2]))[:1]
     if search.stop.is_set():
         raise KeyboardInterrupt  # the search keeps its best so far, which is no twin
     if not fits:
         return None
     progress(fits[0].models.kind)
     fine, step_s = build_training(alike, max(count_steps(t) for t in alike), MAX_STEPS)
-    close = [fit for fit in fits if fit.cost < CLOSE * fits[0].cost][:2]
+    close = [*[fit for fit in fits if fit.cost < CLOSE * fits[0].cost][:2], *grooved]
     with ThreadPoolExecutor(max(1, threads)) as pool:
         polished = list(pool.map(lambda fit: search.polish(fit, fine, step_s, strengths), close))
     return min(polished, key=lambda fit: fit.cost), step_s

@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.calibrate.fitting import ParameterFit
+from ces_gap.calibrate.fitting import VISIBLE, ParameterFit
 from ces_gap.calibrate.parameters import MIN_PIVOT, size_of
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.fit import EffectFit, fit_from, fit_promising, fit_to_the_end, linearise
@@ -24,7 +24,6 @@ from ces_gap.inference.rare import find_rare_deviation
 from ces_gap.inference.search import NEGLIGIBLE_SHARE, PARAMETER
 from ces_gap.progress import Progress, ignore_progress
 
-VISIBLE = 2.0  # deviations of the noise: a gap up to this is none (without this gate clean simulations are blamed)
 MAX_REST = 0.5  # of a rest that is a visible gap by itself: what explains more of it is found beside the parameters
 CANDIDATES = 3  # effects that are tried beside the parameters: of the best without and of the best beside them
 SAME = 10.0  # whitened energy, of noise alone: an effect that leaves as little as parameters to this is what they are

@@ -32,6 +32,7 @@ from ces_gap.inputs.checks import exclude_saturated_ticks
 from ces_gap.trace import Trace, make_trace, noise_floor_N, own_error_N, require_usable, smooth_recording, usable_values
 from ces_identify.simulations.simulation import Simulation
 
+VISIBLE = 2.0  # deviations of the noise: a gap up to this is none (without this gate clean simulations are blamed)
 SAME = 1e-9  # of the force: by as much two equal calls may differ
 BIG = 1e3  # deviations by which the force may be off in a direction that the parameters fill
 
@@ -134,12 +135,12 @@ class ParameterFit:
 
 
 def unexplained_N(traces: Sequence[Trace]) -> float:
-    """Return the RMS [N] that no parameter explains: noise, and the error that an identified model expects.
+    """Return the RMS [N] that no parameter explains: a gap of VISIBLE times as much is none.
 
-    The noise is at least the numerical error of simulations.
+    It is noise, at least the numerical error of simulations, and of an identified model the limit of its own error.
     """
     numerical_N = NUMERICAL_ERROR * rms(usable_values(traces, [t.force for t in traces]))
-    return math.hypot(max(noise_floor_N(traces), numerical_N, MIN_NOISE_N), own_error_N(traces))
+    return math.hypot(max(noise_floor_N(traces), numerical_N, MIN_NOISE_N), own_error_N(traces) / VISIBLE)
 
 
 def fit_parameters(

@@ -125,6 +125,7 @@ def score_held_out(
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     known = {} if best is None else {best.composition: forces}
     alone, least_N = (*result.evidence.alone, *scorer.alone), findings.tolerance_N
+    least_N = max(least_N, HIDDEN * findings.visible_from_N if findings.has_references else 0.0)
     rare, rare_left = _find_rare(inputs, baseline, blocks.traces, alone, least_N), None
     if best is not None and np.isfinite(together.gap_after_N):
         least_N = least_N if rare is None else max(least_N, SMALL * abs(rare.mean_N))

@@ -30,6 +30,7 @@ MIN_GAIN_Z = 2.0
 NEGLIGIBLE_SHARE = 0.01  # of the gap's energy: smaller unexplained shares are not distinguished
 PARAMETER = 0.005  # share of the gap's energy that each parameter costs when effects are ranked
 CLEAR_SHARE = 0.1  # of the noise's energy
+MAX_OF_MAP = 0.5  # of the energy that a good map leaves, which absorbs a part of anything: what replaces it leaves less
 BEAM = 2
 MAX_EFFECTS = 3
 MAX_ADDITIONS = 3  # additions refitted jointly for each composition in the beam
@@ -246,14 +247,16 @@ class CompositionSearch:
         if best and not is_worthwhile(self.evidence, residual, best, prior_cost(best, self.energy)):
             best = None
         for size in range(2, MAX_EFFECTS + 1):
-            if best is None or best.cost - len(residual) < self.min_gain_share * self.energy:
+            left = np.inf if best is None else best.cost - len(residual)
+            enough = left < self.min_gain_share * self.energy
+            if best is None or (enough and prior_cost(best, self.energy) == 0.0):
                 break
             progress(f"trying {size} effects together", (size - 1) / MAX_EFFECTS)
             limit = best.cost
             joint = sorted((f for f in self._fit_additions(beam) if f.cost < limit), key=lambda f: f.cost)
             beam = [self.refinement.refine(self.evidence, fit) for fit in joint[:BEAM]]
             better = choose_best_fit(self.evidence, [best, *beam], self.energy)
-            if not self._is_necessary(better, best):
+            if not self._is_necessary(better, best) or (enough and better.cost - len(residual) > MAX_OF_MAP * left):
                 break
             best = better
         return best

@@ -72,7 +72,7 @@ class PartedPlay(Backlash):
     """The same, but the joint parts: meanwhile the damper creeps so that its force is `parted_N`, its gas force or 0 N.
 
     Its speed v' solves f(v' - c·dF/dt) + memory = `parted_N`, f and c learnt from the simulation (a map of speed and
-    current behind its own spring). The effect is the resulting change of the map's force.
+    current behind its own spring).
     """
 
     form = "parted"

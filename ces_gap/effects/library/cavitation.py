@@ -58,9 +58,8 @@ class StarvedRebound(StarvedRefill):
 class VoidInCompression(Cavitation):
     """A void between rod and oil: compression opens it at the force `void_N`, and the way back closes it first.
 
-    The force stays at `void_N`, what the reservoir's pressure can push into the rod side, until the void is full again
-    (Dixon 2007, on cavitation). Outside the twin: in one of a magneto-rheological damper springs that yield stand
-    beside the chambers, and carry their force through any void.
+    The force stays at `void_N` until the void is full again (Dixon 2007, on cavitation). Outside the twin, whose
+    yielding springs would carry their force through a void.
     """
 
     form: ClassVar[str] = "void_in_compression"

@@ -38,8 +38,7 @@ class SofterOil(Compressibility):
 class Column(Compressibility):
     """A column of oil in series with the damper, whose compliance c (1 + x / L) grows with its length.
 
-    In a monotube the rod side is such a column, while gas holds the other chamber: L is its length at position zero,
-    0.1 to 0.3 m. A mount is as soft at any stroke.
+    L is the length at position zero, of a monotube's rod side 0.1 to 0.3 m. A mount is as soft at any stroke.
     """
 
     form, edits, limit = "column", True, "mount_compliance"
@@ -53,8 +52,7 @@ class Column(Compressibility):
 class AiryColumn(Compressibility):
     """Oil with air in series with the damper: c F (1 + air / (1 + |F| / N)), soft while the force is small.
 
-    N is the force at which half of the air is squeezed, half of the damper's RMS force. A mount is as soft at any
-    force. Of springs that yield beside the chambers (a magneto-rheological fluid) the twin has this compliance only.
+    N is half of the damper's RMS force. A mount is as soft at any force.
     """
 
     form, edits, limit = "airy_column", True, "mount_compliance"

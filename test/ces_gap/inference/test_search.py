@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from engine_plant import F, traced
-from example_effects import Spring
+from example_effects import Friction, Spring
 from search_examples import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, CubicSpring, Offset, planted, run_search
 
 from ces_gap.baseline.learner import make_white_noise
@@ -238,3 +238,12 @@ def test_a_map_that_explains_more_than_any_effect_is_the_cause() -> None:
     found = searched(off, effects=(Spring(), Chirps(), ForceMap()))
     assert found.best is not None and found.best.names == ("calibration",)
     assert found.best.composition.settings[0].values[0] == np.clip(found.best.searched[0], 17.0, 23.0)
+
+
+def test_two_effects_take_the_place_of_a_map_that_leaves_more() -> None:
+    pair = Setting(Spring(), (3000.0,)), Setting(Friction(), (40.0, 0.01))  # the map lacks the reversals only
+    evidence = planted(*pair, seed=1, traces=[traced(seed=s) for s in (1, 2)])
+    found = search(evidence, (Spring(), Friction(), ForceMap()), Refinement(), 1, min_gain_share=0.12)
+    (mapped,) = (fit for fit in found.alone if fit.names == ("calibration",))
+    assert mapped.cost - len(mapped.residual) < 0.12 * found.gap_energy
+    assert found.best is not None and set(found.best.names) == {"spring", "friction"}
