@@ -97,7 +97,7 @@ class Field(Shape):
 
     In files, `key` is its name if it has another one there, and `null` stands for None. `make` turns what is read into
     the value and raises ValueError; `text` turns it back. An `optional` value is left out while it has its default; one
-    with `when` is there only if the values read before it say so. The keys of an `inline` record stand beside it. `of`
+    with `when` is there only if the others' values say so. The keys of an `inline` record stand beside it. `of`
     is the attribute, or the function, that finds the value in what is written, if that is not a record. `rules` are
     further ones of its schema.
     """
