@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import sys
 
-from ces_observer.fields import Field, walk_record
+from ces_observer.fields import Field
+from ces_observer.records import walk_record
 from ces_rig.dampers.hydraulic.parameters import Damper
 
 HEADER = """\

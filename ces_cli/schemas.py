@@ -11,84 +11,39 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS
-from ces_data.logs.log_mapping import COLUMN_KEYS, LAYOUT, LAYOUT_KEYS, SOURCES
+from ces_data.logs.log_mapping import DynoMapping
 from ces_gap.report.calibration import calibrated_schema
 from ces_gap.report.gap_json import gap_schema
-from ces_identify.campaign.plan import COMMON, STRUCTURES, CellLimits, axis_schema
-from ces_identify.options import SPLIT
-from ces_identify.polynomial import candidates
+from ces_identify.campaign.plan import FILE as CAMPAIGN
+from ces_identify.polynomial.rules_file import rules_schema
 from ces_identify.schema_files import ABOUT
-from ces_observer.fields import Schema, record_schema
+from ces_observer.fields import Field, Schema
 from ces_observer.json_text import write_atomically
 from ces_observer.nodes import parameter_table
 from ces_observer.options import Option
+from ces_observer.records import record_schema
 from ces_observer.signals import FIELDS, NAMES, UNITS
-from ces_observer.structures.constructed_inputs import BASE, MAX_WIDTH, MIN_WIDTH, SETTINGS
-from ces_observer.structures.terms import MAX_FACTORS, MAX_TERMS
-from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.stepper import HYDRAULIC, LUMPED
-from ces_rig.drive import ServoActuator
-from ces_rig.experiments import currents, strokes
-from ces_rig.experiments.sequences import KIND as SEQUENCE
-from ces_rig.experiments.sequences import MAX_PARTS, TimedPart
-from ces_rig.experiments.virtual import KEYS, ExperimentSettings
+from ces_rig.dampers.stepper import DAMPER
+from ces_rig.experiments.virtual import Experiment
 from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
 from ces_rig.live.rig import OF_THE_RIG
-from ces_rig.loop import plan as iterate_plan
-from ces_rig.loop.rigs import RIG_SETTINGS
-from ces_rig.sensors import Sensors
+from ces_rig.loop.plan import Plan
+from ces_rig.loop.rigs import RIG
 
-TEXT: Schema = {"type": "string"}
-FLAG: Schema = {"type": "boolean"}
-NUMBER: Schema = {"type": "number"}
-TEXTS: Schema = {"type": "array", "items": TEXT}
-
-
-def with_description(schema: Schema, text: str) -> Schema:
-    """Return `schema` with a description, which editors show beside the key."""
-    return {**schema, "description": text}
+DAMPERS = Field(kind=str, many=True, meaning=parameter_table.DAMPERS_MEANING).schema
+ROS = {
+    "use_sim_time": Field(kind=bool, meaning="take time from /clock").schema,
+    "start_type_description_service": Field(kind=bool).schema,
+    "qos_overrides": Field(kind=Mapping, meaning="quality of service by resolved topic name").schema,
+}
+ROS_DOTTED: dict[str, Schema] = {rf"^({'|'.join(parameter_table.OF_ROS)})\.": {}}
+SIGNAL_SETTINGS: dict[str, Schema] = {name: one.schema for name, one in FIELDS.items()}
 
 
-def mapping_of(properties: Mapping[str, Schema], required: Sequence[str] = (), about: str = "") -> Schema:
+def mapping_of(properties: Mapping[str, Schema], about: str = "") -> Schema:
     """Return the schema of a mapping with these keys and no others."""
     schema: Schema = {"type": "object", "properties": dict(properties), "additionalProperties": False}
-    schema |= {"required": list(required)} if required else {}
     return schema | ({"description": about} if about else {})
-
-
-def one_of(values: Iterable[object]) -> Schema:
-    """Return the schema of a choice."""
-    return {"enum": list(values)}
-
-
-def number_between(low: float, high: float) -> Schema:
-    """Return the schema of a number in [low, high]."""
-    return {"type": "number", "minimum": low, "maximum": high}
-
-
-def list_of(item: Schema, least: int = 0) -> Schema:
-    """Return the schema of a list."""
-    return {"type": "array", "items": item} | ({"minItems": least} if least else {})
-
-
-def list_branches(kinds: Mapping[str, type[Any]], more: type[Any] | None = None) -> dict[str, Schema]:
-    """Return the schema of each kind for `choose_by_kind`; `more` has the keys that all kinds share."""
-    common = record_schema(more)["properties"] if more else {}
-    branches = {}
-    for name, cls in kinds.items():
-        own = record_schema(cls)
-        properties = {"kind": {"const": name}, **own["properties"], **common}
-        branches[name] = mapping_of(properties, ["kind", *own.get("required", ())], own["description"])
-    return branches
-
-
-def choose_by_kind(branches: Mapping[str, Schema]) -> Schema:
-    """Return a schema that applies the branch of a mapping's `kind`, so that an error names the key at fault."""
-    rules = [
-        {"if": {"properties": {"kind": {"const": name}}, "required": ["kind"]}, "then": branch}
-        for name, branch in branches.items()
-    ]
-    return {"properties": {"kind": one_of(branches)}, "type": "object", "required": ["kind"], "allOf": rules}
 
 
 def of_parameters(table: Iterable[Option]) -> dict[str, Schema]:
@@ -104,14 +59,6 @@ def of_parameters(table: Iterable[Option]) -> dict[str, Schema]:
         name: value.schema if isinstance(value, Option) else mapping_of(of_parameters(value))
         for name, value in groups.items()
     }
-
-
-SIGNAL_SETTINGS: dict[str, Schema] = {name: one.schema for name, one in FIELDS.items()}
-SIGNAL_SETTINGS["scale"] |= {"not": {"const": 0}}
-SIGNAL_SETTINGS["type"] |= {"pattern": r"^[A-Za-z]\w*/msg/[A-Za-z]\w*$"}
-LAYOUT_SCHEMAS: dict[str, Schema] = {name: one.schema for name, one in LAYOUT.items()}
-LAYOUT_SCHEMAS["dbc"]["type"] = ["string", "array"]
-LAYOUT_SCHEMAS["names"]["items"] = {"type": ["string", "number"]}
 
 
 def signal_properties() -> dict[str, Schema]:
@@ -146,7 +93,7 @@ def parameter_file(own: Mapping[str, Schema], patterns: Mapping[str, Schema], ot
 def signals_schema() -> Schema:
     """Return the schema of a signals file: a parameter file, or a plain mapping of signals."""
     signals, patterns = signal_properties(), dotted_signals()
-    own = {parameter_table.DAMPERS: with_description(list_of(TEXT), parameter_table.DAMPERS_MEANING), **signals}
+    own = {parameter_table.DAMPERS: DAMPERS, **signals}
     damper = {**mapping_of(signals), "patternProperties": patterns}
     file = parameter_file(own, patterns, damper)
     plain = {"$ref": "#/definitions/parameters"}
@@ -162,179 +109,24 @@ def signals_schema() -> Schema:
     }
 
 
-def import_schema() -> Schema:
-    """Return the schema of a mapping for `ces import`."""
-    scaling = {"scale": {**NUMBER, "not": {"const": 0}}, "offset": NUMBER}
-    column = {"type": ["string", "integer"], "minimum": 0}
-    kinds = {
-        "column": with_description(column, "name of the column, or its number from 0"),
-        "constant": with_description(NUMBER, "the same value in all rows"),
-        "from_name": with_description(
-            {"type": "string", "format": "regex"}, "the first group, found in the file's name"
-        ),
-    }
-    of_a_column = {
-        "unit": with_description(TEXT, "unit of the column, instead of scale and offset"),
-        "group": with_description({"type": ["string", "integer"]}, "number or name of a channel group or bus"),
-        "date": with_description({**TEXT, "pattern": "%"}, 'pattern of a date, such as "%d/%m/%Y %H:%M:%S.%f"'),
-    }
-    about_scale = "value in SI units = scale * cell + offset"
-    settings = {**kinds, **{key: with_description(schema, about_scale) for key, schema in scaling.items()}}
-    settings |= {key: of_a_column[key] for key in COLUMN_KEYS}
-    either = {"not": {"required": ["unit"], "anyOf": [{"required": ["scale"]}, {"required": ["offset"]}]}}
-    of_time = {**mapping_of(settings, ("column",)), **either}
-    del settings["date"]
-    source = {**mapping_of(settings), **either, "oneOf": [{"required": [key]} for key in SOURCES]}
-    only_column = {**mapping_of(settings, ("column",)), **either}
-    properties = {
-        **{name: with_description(source, f"{name} [{UNITS[name]}] after scaling") for name in NAMES},
-        **LAYOUT_SCHEMAS,
-        "time": with_description(of_time, "[s] after scaling"),
-        "rate": {"anyOf": [{**NUMBER, "exclusiveMinimum": 0}, only_column], "description": "[Hz], instead of time"},
-    }
-    keys = (*LAYOUT_KEYS, *NAMES)
-    whole = mapping_of({key: properties[key] for key in keys}, ("current", "force"))
-    motion = {"anyOf": [{"required": ["position"]}, {"required": ["speed"]}]}
-    return {**whole, **motion, "not": {"required": ["time", "rate"]}}
-
-
-SETTING: dict[str, Schema] = {
-    "half_width": number_between(MIN_WIDTH, MAX_WIDTH),
-    "time_constant_s": number_between(1e-4, 1e4),
-    "range_Hz": {**list_of(number_between(1e-3, 1e5)), "minItems": 2, "maxItems": 2},
-    "floor_m": number_between(MIN_WIDTH, MAX_WIDTH),
-}
-OPEN_LAG: Schema = {"anyOf": [{"const": candidates.AUTO}, SETTING["time_constant_s"]]}
-
-
-def candidates_schema() -> Schema:
-    """Return the schema; keys besides the signals are names of constructed inputs, which `constructed` defines."""
-    rule: Schema = {"$ref": "#/definitions/rule"}
-    lists = {key: one.schema for key, one in candidates.RULE_LISTS.items()}
-    lag, power, form = (lists[key]["items"] for key in ("lags", "powers", "forms"))
-    of_a_factor = {"signal": TEXT, "lag": lag, "power": power, "form": form}
-    term = {**list_of(mapping_of(of_a_factor, ("signal",))), "maxItems": MAX_FACTORS}
-    of_force = {**lists, "lags": candidates.LAGS_OF_FORCE.schema}  # other keys: signals that multiply it
-    del of_force["lags_ms"]
-    properties: dict[str, Schema] = {
-        "force": {"$ref": "#/definitions/force"},
-        **{signal: rule for signal in candidates.SIGNALS if signal != "force"},
-        "constructed": {"type": "object", "additionalProperties": _construction()},
-        "products": with_description(
-            list_of({**list_of(TEXT), "maxItems": MAX_FACTORS}, 1), "signals whose factors are multiplied in a term"
-        ),
-        "initial": with_description(
-            {**list_of(term, 1), "maxItems": MAX_TERMS}, "terms to start from with --method thesis"
-        ),
-    }
-    definitions = {
-        "rule": {**mapping_of({**lists, "again": rule}), "oneOf": [{"required": ["lags"]}, {"required": ["lags_ms"]}]},
-        "force": {**mapping_of(of_force, ("lags",)), "additionalProperties": rule},
-    }
-    return {**mapping_of(properties), "additionalProperties": rule, "definitions": definitions}
-
-
-def _construction() -> Schema:
-    branches = []
-    for kind in candidates.RULE_KINDS:
-        if kind == candidates.MEMBERSHIPS:
-            peaks = {**list_of(NUMBER, 2), "maxItems": candidates.MAX_MEMBERSHIPS}
-            branches.append(mapping_of({"kind": {"const": kind}, "of": TEXT, "at": peaks}, ("kind", "of", "at")))
-            continue
-        own = {key: one_of(BASE) if key == "of" else SETTING[key] for key in SETTINGS[kind]}
-        own |= {"time_constant_s": OPEN_LAG} if kind == "lag" else {}
-        required = ("kind",) if kind == "frequency" else ("kind", *SETTINGS[kind])
-        branches.append(mapping_of({"kind": {"const": kind}, **own}, required))
-    return {"oneOf": branches}
-
-
-def experiment_schema() -> Schema:
-    """Return the schema of an experiment on the virtual rig."""
-    hydraulic = record_schema(Damper, partial=True)
-    described = "values that differ from the default damper, or the name of a damper file beside this one"
-    properties = {
-        **record_schema(ExperimentSettings)["properties"],
-        "stroke": _with_sequences(strokes.KINDS, strokes.Common),
-        "current": _with_sequences(currents.KINDS, not_in_parts=("reg1",)),
-        "damper": with_description({"anyOf": [TEXT, hydraulic]}, described),
-        "sensors": record_schema(Sensors, partial=True),
-        "actuator": record_schema(ServoActuator),
-    }
-    return mapping_of({key: properties[key] for key in KEYS}, ("stroke", "current"))
-
-
 def damper_schema() -> Schema:
-    """Return the schema of a damper of any kind."""
-    hydraulic = record_schema(Damper, partial=True)
-    hydraulic["properties"] = {"kind": {"const": HYDRAULIC}, **hydraulic["properties"]}
-    first = {"if": {"properties": {"kind": {"const": HYDRAULIC}}}, "then": hydraulic}
-    kind = {"kind": one_of((HYDRAULIC, *LUMPED))}
-    return {"type": "object", "properties": kind, "allOf": [first, *choose_by_kind(list_branches(LUMPED))["allOf"]]}
-
-
-def _with_sequences(
-    kinds: Mapping[str, type[Any]], more: type[Any] | None = None, not_in_parts: Iterable[str] = ()
-) -> Schema:
-    """Return the schema of a stroke or current; the parts of a sequence are of the other kinds and have a duration."""
-    whole = list_branches({name: cls for name, cls in kinds.items() if name != SEQUENCE}, more)
-    lasting = record_schema(TimedPart)
-    in_parts = {
-        name: {
-            **branch,
-            "properties": {**branch["properties"], **lasting["properties"]},
-            "required": [*branch["required"], *lasting["required"]],
-        }
-        for name, branch in whole.items()
-        if name not in not_in_parts
-    }
-    parts = {**list_of(choose_by_kind(in_parts), 1), "maxItems": MAX_PARTS}
-    about = (kinds[SEQUENCE].__doc__ or "").strip()
-    sequence = mapping_of({"kind": {"const": SEQUENCE}, "parts": parts}, ("kind", "parts"), about)
-    return choose_by_kind({**whole, SEQUENCE: sequence})
+    """Return the schema of a damper of any kind; without a kind it is hydraulic."""
+    schema = DAMPER.bare_schema
+    of_hydraulic = schema["allOf"][0]
+    del schema["required"], of_hydraulic["if"]["required"], of_hydraulic["then"]["required"]
+    return schema
 
 
 def iterate_schema() -> Schema:
     """Return the schema of a plan for `ces iterate`."""
-    properties = dict(record_schema(iterate_plan.PlanSettings)["properties"])
-    properties["rig"] = choose_by_kind(list_branches(RIG_SETTINGS))
-    return mapping_of({key: properties[key] for key in iterate_plan.KEYS}, ("limits", "rig"))
-
-
-def campaign_schema() -> Schema:
-    """Return the schema of a campaign."""
-    bags = {"anyOf": [TEXT, {**TEXTS, "minItems": 1, "uniqueItems": True}]}
-    names = {"pattern": r"^[\w.+-]+$"}
-    sets = {"type": "object", "minProperties": 1, "propertyNames": names, "additionalProperties": bags}
-    structures = {name: {"anyOf": [{"type": "null"}, mapping_of(_axes(axes))]} for name, axes in STRUCTURES.items()}
-    properties = {
-        "bags": with_description(sets, "sets of recordings to identify on; each gives models of its own"),
-        "validate": with_description(sets, "recordings to validate every model on"),
-        "structures": {**mapping_of(structures), "minProperties": 1},
-        **_axes(COMMON),
-        "limits": record_schema(CellLimits),
-        "split": SPLIT.bare_schema,
-        "signals": with_description({"type": ["string", "null"]}, "signals file (default: the packaged one)"),
-    }
-    return mapping_of(properties, ("bags", "structures"))
-
-
-def _axes(axes: Mapping[str, Option]) -> dict[str, Schema]:
-    return {key: axis_schema(axis) for key, axis in axes.items()}
-
-
-ROS: dict[str, Schema] = {
-    "use_sim_time": with_description(FLAG, "take time from /clock"),
-    "start_type_description_service": FLAG,
-    "qos_overrides": with_description({"type": "object"}, "quality of service by resolved topic name"),
-}
-ROS_DOTTED: dict[str, Schema] = {rf"^({'|'.join(parameter_table.OF_ROS)})\.": {}}
+    schema = record_schema(Plan)
+    return {**schema, "properties": {**schema["properties"], "rig": RIG.schema}}
 
 
 def observer_schema() -> Schema:
     """Return the schema of the observer's parameters: of the node, of each damper, and of its signals."""
     of_a_damper = {**of_parameters((*parameter_table.OF_A_DAMPER, parameter_table.NAME)), **signal_properties()}
-    dampers = with_description(list_of(TEXT), parameter_table.DAMPERS_MEANING)
-    own = {**of_parameters(parameter_table.OF_THE_NODE), **of_a_damper, parameter_table.DAMPERS: dampers}
+    own = {**of_parameters(parameter_table.OF_THE_NODE), **of_a_damper, parameter_table.DAMPERS: DAMPERS}
     damper = {**mapping_of(of_a_damper), "patternProperties": dotted_signals()}
     return parameter_file({**own, **ROS}, {**dotted_signals(), **ROS_DOTTED}, damper)
 
@@ -348,10 +140,10 @@ def node_schema(table: Sequence[Option], with_dots: bool = False) -> Schema:
 DRAFT = "http://json-schema.org/draft-07/schema#"
 BUILDERS: Mapping[str, Callable[[], Schema]] = {
     "signals": signals_schema,
-    "import": import_schema,
-    "candidates": candidates_schema,
-    "campaign": campaign_schema,
-    "experiment": experiment_schema,
+    "import": partial(record_schema, DynoMapping),
+    "candidates": rules_schema,
+    "campaign": lambda: CAMPAIGN.schema,
+    "experiment": partial(record_schema, Experiment),
     "damper": damper_schema,
     "iterate": iterate_schema,
     "observer": observer_schema,

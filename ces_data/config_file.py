@@ -7,7 +7,6 @@ what was expected.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from typing import Any
 import yaml
 
 from ces_observer.errors import CesError
-from ces_observer.fields import require_known_keys
 
 MAX_BYTES = 65_536
 MAX_DEPTH = 20
@@ -37,20 +35,14 @@ def packaged_text(package: str, name: str) -> str:
     return (files(package) / name).read_text(encoding="utf-8").partition("\n")[2]
 
 
-def read_yaml_mapping(
-    path: Path, what: str, keys: Collection[str] | None = None, error: type[CesError] = CesError
-) -> dict[str, Any]:
-    """Return the mapping in a file, which errors describe as `what`; raises at other top-level keys than `keys`."""
-    return parse_yaml_mapping(_read_text(path, what, error), str(path), what, keys, error)
+def read_yaml_mapping(path: Path, what: str, error: type[CesError] = CesError) -> dict[str, Any]:
+    """Return the mapping in a file, which errors describe as `what`."""
+    return parse_yaml_mapping(_read_text(path, what, error), str(path), what, error)
 
 
-def parse_yaml_mapping(
-    text: str, source: str, what: str, keys: Collection[str] | None = None, error: type[CesError] = CesError
-) -> dict[str, Any]:
+def parse_yaml_mapping(text: str, source: str, what: str, error: type[CesError] = CesError) -> dict[str, Any]:
     """Return the mapping in a text, as `read_yaml_mapping` does; `source` begins each error."""
     content: dict[str, Any] = to_python(_parse_tree(text, source, what, error), source, error)
-    if keys is not None:
-        require_known_keys(content, keys, source, error)
     return content
 
 

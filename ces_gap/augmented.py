@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +32,10 @@ from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer import __version__
 from ces_observer.errors import CesError, ModelError
-from ces_observer.json_text import JsonObject, parse_json, read_bounded, write_atomically
+from ces_observer.fields import Field
+from ces_observer.json_text import parse_json, read_bounded, write_atomically
+from ces_observer.records import Record, items, part, read_document, write_record
+from ces_observer.shapes import ByName
 
 SCHEMA = "ces-augmented/1"
 FILES = (".json", ".yaml", ".yml")
@@ -40,7 +43,42 @@ MAX_BYTES = 4_000_000
 MAX_EFFECTS = 20
 
 Opener = Callable[[str], Simulation]
-LearnedPart = TypeVar("LearnedPart", LearnedCorrection, Twin)
+
+
+@dataclass(frozen=True)
+class NamedSimulation:
+    """A simulation by its place relative to the file that names it; the hash is that of its own file, if it has one."""
+
+    spec: str
+    sha256: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectEntry:
+    """An effect with its values: one of the library, of a user's class, or a part of two networks."""
+
+    effect: str = part()
+    form: str = part()
+    user_class: str = part(default="", key="class", optional=True)
+    networks: Mapping[str, Any] | None = part(default=None, optional=True)
+    parameters: Mapping[str, float] = part()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AugmentedFile:
+    """What the file holds beside its schema."""
+
+    sim: NamedSimulation = part()
+    parameters: Mapping[str, float] | None = part(default=None, optional=True)
+    input_timing: InputTiming = part(default=ON_TIME, optional=True)
+    correction: LearnedCorrection | None = part()
+    twin: Mapping[str, Any] | None = part()
+    is_recorded: bool = part()
+    effects: tuple[EffectEntry, ...] = items(0, MAX_EFFECTS)
+    provenance: Mapping[str, Any] = part()
+
+
+FILE = Field(kind=Record(AugmentedFile))
 
 
 @dataclass(frozen=True)
@@ -148,27 +186,31 @@ def augmented_text(
     values: Mapping[str, float] | None = None,
 ) -> str:
     """Return the text of the file; `sim` comes from `name_simulation`, `values` are those of its parameters."""
-    document = {
-        "schema": SCHEMA,
-        "sim": dict(sim),
-        **({"parameters": dict(values)} if values else {}),
-        **({"input_timing": timing.as_json()} if timing else {}),
-        "correction": None if correction is None else correction.as_json(),
-        "twin": twin.as_json() if twin is not None and (is_recorded or composition.edits) else None,
-        "is_recorded": is_recorded,
-        "effects": [_effect_as_json(setting) for setting in composition.settings],
-        "provenance": {"tool": f"ces_observer {__version__}", **(provenance or {})},
-    }
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    file = AugmentedFile(
+        sim=NamedSimulation(str(sim["spec"]), sim["sha256"]),
+        parameters=values or None,
+        input_timing=timing,
+        correction=correction,
+        twin=twin.as_json() if twin is not None and (is_recorded or composition.edits) else None,
+        is_recorded=is_recorded,
+        effects=tuple(map(_make_entry, composition.settings)),
+        provenance={"tool": f"ces_observer {__version__}", **(provenance or {})},
+    )
+    return json.dumps({"schema": SCHEMA, **write_record(file)}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def is_augmented(path: Path) -> bool:
-    """True if the file is JSON of at most `MAX_BYTES` with the schema of an augmented simulation."""
+def has_schema(path: Path, name: str) -> bool:
+    """True if the file is JSON of at most `MAX_BYTES` with a version of the schema `name`."""
     try:
         document = parse_json(read_bounded(path, MAX_BYTES), str(path))
     except (OSError, ModelError):
         return False
-    return isinstance(document, Mapping) and str(document.get("schema", "")).startswith("ces-augmented/")
+    return isinstance(document, Mapping) and str(document.get("schema", "")).startswith(f"{name}/")
+
+
+def is_augmented(path: Path) -> bool:
+    """True if the file is that of an augmented simulation."""
+    return has_schema(path, "ces-augmented")
 
 
 def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:
@@ -177,37 +219,35 @@ def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:
     The simulation's file must be the same as when the file was written; this excludes circular references.
     """
     try:
-        root = JsonObject(parse_json(read_bounded(path, MAX_BYTES), str(path)), str(path))
+        values = parse_json(read_bounded(path, MAX_BYTES), str(path))
     except OSError as error:
         raise GapError(f"{path}: cannot be read: {error.strerror}; `ces diagnose` writes one") from None
-    schema = root.text("schema")
-    if schema != SCHEMA:
-        raise GapError(f"{path}: schema is '{schema}'; expected '{SCHEMA}'; run `ces diagnose` again")
-    settings = tuple(_read_setting(node) for node in root.items("effects", 0, MAX_EFFECTS))
-    correction = _read_learned_part(root, "correction", LearnedCorrection)
-    twin, is_recorded = _read_learned_part(root, "twin", Twin), root.flag("is_recorded")
-    simulation, provenance = open_named(path, root.at("sim"), open_simulation), root.at("provenance").value
-    if "parameters" in root.value:
-        simulation = simulation.with_values(
-            {name: root.at("parameters").number(name) for name in root.value["parameters"]}
-        )
-    if "input_timing" in root.value:
-        simulation = RetimedSimulation(simulation, InputTiming.from_json(root.at("input_timing")))
+    again = "run `ces diagnose` again"
+    file: AugmentedFile = read_document(FILE, values, str(path), SCHEMA, again, GapError)
+    settings = tuple(_read_setting(entry, f"{path}: effects[{i}]") for i, entry in enumerate(file.effects))
+    twin = None if file.twin is None else Twin.from_json(file.twin, f"{path}: twin")
+    simulation = open_named(path, file.sim, open_simulation)
+    if file.parameters:
+        simulation = simulation.with_values(file.parameters)
+    if file.input_timing:
+        simulation = RetimedSimulation(simulation, file.input_timing)
     composition = Composition(settings)
-    return AugmentedSimulation(str(path), simulation, composition, correction, twin, is_recorded, provenance)
+    return AugmentedSimulation(
+        str(path), simulation, composition, file.correction, twin, file.is_recorded, file.provenance
+    )
 
 
-def open_named(path: Path, sim: JsonObject, open_simulation: Opener, writer: str = "diagnose") -> Simulation:
+def open_named(path: Path, sim: NamedSimulation, open_simulation: Opener, writer: str = "diagnose") -> Simulation:
     """Return the simulation that `sim` in the file `path` names (`name_simulation`), unless its own file has changed.
 
     `writer` is the program that wrote the file. Raises CesError.
     """
-    spec, rest = _split(sim.text("spec"))
+    spec, rest = _split(sim.spec)
     if spec:
         file = path.parent / spec
         if not file.is_file():
             raise GapError(f"{path}: its simulation {file} is missing; restore it or run `ces {writer}` again")
-        if _digest(file) != sim.text("sha256"):
+        if _digest(file) != sim.sha256:
             raise GapError(f"{path}: its simulation {file} has changed since; run `ces {writer}` again")
         rest = f"{file}{rest}"
     return open_simulation(rest)
@@ -217,42 +257,36 @@ def _digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def _effect_as_json(setting: Setting) -> dict[str, Any]:
-    user_class = class_of(setting.effect)
-    code: dict[str, Any] = {} if user_class is None else {"class": user_class}
-    if isinstance(setting.effect, NetworkPart):
-        code = {"networks": setting.effect.as_json()}
-    parameters = {p.name: v for p, v in zip(setting.effect.parameters, setting.values, strict=True)}
-    return {"effect": setting.name, "form": setting.effect.form, **code, "parameters": parameters}
+def _make_entry(setting: Setting) -> EffectEntry:
+    effect = setting.effect
+    parameters = {p.name: v for p, v in zip(effect.parameters, setting.values, strict=True)}
+    networks = effect.as_json() if isinstance(effect, NetworkPart) else None
+    user_class = None if networks else class_of(effect)
+    return EffectEntry(
+        effect=setting.name, form=effect.form, user_class=user_class or "", networks=networks, parameters=parameters
+    )
 
 
-def _read_setting(node: JsonObject) -> Setting:
+def _read_setting(entry: EffectEntry, where: str) -> Setting:
     """Return an effect with its values, each within its bounds apart from rounding."""
-    name, form = node.text("effect"), node.text("form")
+    name, form = entry.effect, entry.form
     try:
         if form == FORM:
-            effect: Effect = read_part(name, node.at("networks"))
+            effect: Effect = read_part(name, entry.networks)
         else:
-            effect = user_effect(node.text("class")) if "class" in node.value else library_effect(name, form)
+            effect = user_effect(entry.user_class) if entry.user_class else library_effect(name, form)
     except (GapError, ModelError) as error:
-        raise GapError(f"{node.where}: {error}") from None
+        raise GapError(f"{where}: {error}") from None
     if (effect.name, effect.form) != (name, form):
         found = f"{effect.name} ({effect.form})"
-        raise GapError(f"{node.where}: class is {found}; expected {name} ({form}); run `ces diagnose` again")
-    values, known = node.at("parameters"), [p.name for p in effect.parameters]
-    if unknown := set(values.value) - set(known):
-        names = ", ".join(sorted(unknown))
-        raise GapError(f"{values.where}: unknown parameters {names}; expected {', '.join(known)}")
-    slack = 1e-9
-    read = [values.number(p.name, p.low - slack * abs(p.low), p.high + slack * abs(p.high)) for p in effect.parameters]
-    return Setting(effect, tuple(min(max(v, p.low), p.high) for v, p in zip(read, effect.parameters, strict=True)))
-
-
-def _read_learned_part(root: JsonObject, name: str, kind: type[LearnedPart]) -> LearnedPart | None:
-    """Return the learnt part `name`, None if it is null."""
-    document = root.mapping_or_none(name)
-    try:
-        return None if document is None else kind.from_json(dict(document))
-    except (ModelError, KeyError, TypeError, ValueError, IndexError) as error:
-        text = f"{type(error).__name__}: {error}; expected the output of `ces diagnose`; run it again"
-        raise GapError(f"{root.where}: {name}: {text}") from None
+        raise GapError(f"{where}: class is {found}; expected {name} ({form}); run `ces diagnose` again")
+    names = tuple(p.name for p in effect.parameters)
+    given = Field(kind=ByName(Field(kind=float), names, names)).check(
+        entry.parameters, f"{where}: parameters", GapError
+    )
+    values = []
+    for p in effect.parameters:
+        slack = Field(kind=float, low=p.low - 1e-9 * abs(p.low), high=p.high + 1e-9 * abs(p.high))
+        value = slack.check(given[p.name], f"{where}: parameters: {p.name}", GapError)
+        values.append(min(max(value, p.low), p.high))
+    return Setting(effect, tuple(values))

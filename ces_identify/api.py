@@ -28,7 +28,7 @@ from ces_identify.comparison.comparison import Comparison, compare
 from ces_identify.identification import IdentificationResult
 from ces_identify.numerics.search import Limits, Listener
 from ces_identify.options import list_options
-from ces_identify.polynomial.candidates import load_rules
+from ces_identify.polynomial.rules_file import load_rules
 from ces_identify.prepare.cost import parse_weighting
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import sample_force

@@ -9,20 +9,28 @@ unknown amounts, grows like the distance. `ces_identify.validation.band` finds t
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import chain, islice
 from math import exp
-from typing import Any
 
+from ces_observer.fields import Field
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
+from ces_observer.records import bounded, declare
+from ces_observer.shapes import ByName
 from ces_observer.tick import band as tick
 from ces_observer.tick.model import HAS_BAND
 
 STATE = ("position", "speed", "current", "change of speed", "change of current")
 PARTS = ("low_current_N", "high_current_N", "slow_N", "fast_N", "force", "change_of_force", "reversal_N")
+ROWS = range(len(STATE), 0, -1)  # lengths of the rows of an upper triangle, from the diagonal on
 LARGEST = 1e12  # of any number: far from where squares overflow
 MAX_DISTANCE = 1e6
+
+
+def _as_rows(numbers: Iterable[float]) -> tuple[tuple[float, ...], ...]:
+    triangle = iter(numbers)
+    return tuple(tuple(islice(triangle, length)) for length in ROWS)
 
 
 @dataclass(frozen=True)
@@ -36,16 +44,25 @@ class Band:
     at most `max_distance`; `constant_share` is the share of the squared error that does not grow with it.
     """
 
-    level: float
-    change_s: float
-    reversal_s: float
-    speed_m_s: float
-    current_A: tuple[float, float]
-    parts: tuple[float, ...]
-    mean: tuple[float, ...]
-    whitening: tuple[tuple[float, ...], ...]
-    max_distance: float
-    constant_share: float
+    level: float = bounded(0.01, 0.9999)
+    change_s: float = bounded(1e-5, 1e3)
+    reversal_s: float = bounded(1e-5, 1e3)
+    speed_m_s: float = bounded(1e-9, LARGEST)
+    current_A: tuple[float, float] = bounded(-LARGEST, LARGEST)
+    parts: tuple[float, ...] = declare(
+        Field(
+            kind=ByName(Field(kind=float, low=0.0, high=LARGEST), PARTS, PARTS),
+            make=lambda parts: tuple(parts.values()),
+            text=lambda parts: dict(zip(PARTS, parts, strict=True)),
+        )
+    )
+    mean: tuple[float, ...] = bounded(-LARGEST, LARGEST, min_count=len(STATE), max_count=len(STATE))
+    whitening: tuple[tuple[float, ...], ...] = bounded(
+        -LARGEST, LARGEST, kind=float, many=True, min_count=sum(ROWS), max_count=sum(ROWS), make=_as_rows,
+        text=lambda rows: list(chain.from_iterable(rows)),
+    )  # fmt: skip
+    max_distance: float = bounded(0.0, MAX_DISTANCE)
+    constant_share: float = bounded(0.0, 1.0)
 
     def fill(self, layout: Layout, rate_Hz: float) -> None:
         """Write its numbers into the layout of a model, for `ces_observer.tick.band`."""
@@ -61,29 +78,3 @@ class Band:
         layout.put(tick.BAND_WHITENING, chain.from_iterable(self.whitening))
         layout.p[tick.BAND_LIMIT] = self.max_distance * self.max_distance
         layout.p[tick.BAND_SHARE] = self.constant_share
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the key `band` of a model file."""
-        whitening = [number for row in self.whitening for number in row]
-        return {**asdict(self), "parts": dict(zip(PARTS, self.parts, strict=True)), "whitening": whitening}
-
-    @classmethod
-    def from_json(cls, node: JsonObject) -> Band:
-        """Check the key `band` of a model file; raises ModelError."""
-        node.require_only_keys(*(one.name for one in fields(cls)))
-        parts = node.at("parts")
-        parts.require_only_keys(*PARTS)
-        lengths = range(len(STATE), 0, -1)  # of the rows of an upper triangle, from the diagonal on
-        triangle = iter(node.numbers("whitening", sum(lengths), LARGEST))
-        return cls(
-            level=node.number("level", 0.01, 0.9999),
-            change_s=node.number("change_s", 1e-5, 1e3),
-            reversal_s=node.number("reversal_s", 1e-5, 1e3),
-            speed_m_s=node.number("speed_m_s", 1e-9, LARGEST),
-            current_A=node.range("current_A", LARGEST),
-            parts=tuple(parts.number(name, 0.0, LARGEST) for name in PARTS),
-            mean=node.numbers("mean", len(STATE), LARGEST),
-            whitening=tuple(tuple(islice(triangle, length)) for length in lengths),
-            max_distance=node.number("max_distance", 0.0, MAX_DISTANCE),
-            constant_share=node.number("constant_share", 0.0, 1.0),
-        )

@@ -1,38 +1,105 @@
 """A value declared once: its unit, range, default and meaning, from which all else is made.
 
-A `Field` checks a value, explains an error and gives a JSON Schema. A frozen dataclass whose fields are declared by
-`quantity`, `choice` and `setting` is a record: a mapping, such as from YAML, goes in, and a checked record comes out.
+A `Field` reads and writes a value, explains an error and gives a JSON Schema. `ces_observer.records` makes records of
+fields; their lists, choices and values by name are each a `Shape`.
 """
 
 from __future__ import annotations
 
 import math
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
-from functools import cache
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any
 
 from ces_observer.errors import CesError
 from ces_observer.json_text import quote
 
-T = TypeVar("T")
 Schema = dict[str, Any]
 LARGEST = sys.float_info.max
 REQUIRED: Any = ...  # the default of a field that must be given
-KINDS = {bool: "truth values", int: "whole numbers", float: "numbers", str: "texts", Path: "paths"}
-ONE = {bool: "true or false", int: "a whole number", float: "a number", str: "a text", Path: "a path"}
-JSON = {bool: "boolean", int: "integer", float: "number", str: "string", Path: "string"}
+NAMES: dict[Any, tuple[str, str, str]] = {  # of kinds: one, several, and in a schema
+    bool: ("true or false", "truth values", "boolean"),
+    int: ("a whole number", "whole numbers", "integer"),
+    float: ("a number", "numbers", "number"),
+    str: ("a text", "texts", "string"),
+    Path: ("a path", "paths", "string"),
+    Mapping: ("a mapping of keys to values", "mappings", "object"),
+}
+
+
+class FieldError(Exception):
+    """What is wrong with a value: its place within the whole, such as `terms[0]: lag`, and the words after that."""
+
+    def __init__(self, words: str, place: str = "") -> None:
+        super().__init__(words)
+        self.words, self.place = words, place
+
+    def inside(self, key: str) -> FieldError:
+        """Return the error as one of the whole, in which the value is under `key`: a name, or [3]."""
+        return FieldError(self.words, _join(key, self.place))
+
+
+def _join(outer: str, inner: str) -> str:
+    return f"{outer}: {inner}" if outer and inner and inner[0] != "[" else outer + inner
+
+
+@contextmanager
+def explaining(where: str, error: type[CesError]) -> Iterator[None]:
+    """Raise `error` in one line that begins with `where` for a FieldError inside the block."""
+    try:
+        yield
+    except FieldError as reason:
+        raise error(_join(where, reason.place) + reason.words) from None
+
+
+class Shape(ABC):
+    """How a value is made of others, such as a record: a kind of field. `expected` and `several` are its words.
+
+    Keys that a record lacks are those of `base`, if it is given, else their defaults; of a `complete` file, which a
+    program wrote, only optional keys may be missing.
+    """
+
+    expected: str = NAMES[Mapping][0]
+    several: str = NAMES[Mapping][1]
+
+    def accepts(self, value: Any) -> bool:
+        """Return whether the value is of its type, as a mapping is."""
+        return isinstance(value, Mapping)
+
+    @abstractmethod
+    def read(self, value: Any, base: Any = None, complete: bool = False) -> Any:
+        """Return the checked value; raises FieldError."""
+
+    @abstractmethod
+    def write(self, value: Any) -> Any:
+        """Return the value as a file has it."""
+
+    @property
+    @abstractmethod
+    def schema(self) -> Schema:
+        """The JSON Schema (draft 7) of what `read` accepts."""
 
 
 @dataclass(frozen=True)
-class Field:
+class Field(Shape):
     """A value: a number in `unit` within [low, high], or (low, high] with `above`; one of the words `choices`; a text.
 
-    `kind` is bool, int, float, str, Path, or a dataclass whose record it is; by default that of `default`. `many` is a
-    list of such values, at least `min_count`. A text must pass `check_text`, which raises ValueError; `form`
-    describes it.
+    A number may be one of the words `also` instead. `kind` is bool, int, float, str, Path, Mapping, object (anything),
+    several of these, or a Shape, such as another field; by default that of `default`. `many` is a list of such values,
+    `min_count` to `max_count` of them, `ordered` one that does not fall, `different` one without repetition; with
+    `or_one`, a value alone stands for a list of it. A text must pass `check_text`, which raises ValueError; `form`
+    describes the value, `remedy` says what to do about a mistake.
+
+    In files, `key` is its name if it has another one there, and `null` stands for None. `make` turns what is read into
+    the value and raises ValueError; `text` turns it back. An `optional` value is left out while it has its default; one
+    with `when` is there only if the others' values say so. The keys of an `inline` record stand beside it. `of`
+    is the attribute, or the function, that finds the value in what is written, if that is not a record. `rules` are
+    further ones of its schema.
     """
 
     name: str = ""
@@ -43,11 +110,26 @@ class Field:
     unit: str = ""
     above: bool = False
     choices: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()
     kind: Any = None
     many: bool = False
     min_count: int = 0
+    max_count: float = math.inf
+    ordered: bool = False
+    different: bool = False
+    or_one: bool = False
     form: str = ""
     check_text: Callable[[str], object] | None = None
+    remedy: str = ""
+    key: str = ""
+    null: Any = REQUIRED
+    make: Callable[[Any], Any] | None = None
+    text: Callable[[Any], Any] | None = None
+    optional: bool = False
+    when: Callable[[Mapping[str, Any]], bool] | None = None
+    inline: bool = False
+    of: str | Callable[[Any], Any] = ""
+    rules: Schema = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         first = self.default
@@ -59,15 +141,34 @@ class Field:
             object.__setattr__(self, "kind", str if first is None or first is REQUIRED else kind)
 
     @property
-    def expected(self) -> str:
+    def expected(self) -> str:  # type: ignore[override]  # of other shapes, it is always the same
         """A phrase for the values that the field accepts."""
+        if self.form:
+            return self.form
+        if self.ordered:
+            return f"[low, high], {self.phrase('both numbers')}"
         if self.many:
-            return f"a list of {KINDS.get(self.kind, 'mappings')}"
-        if self.is_record:
-            return "a mapping of keys to values"
-        if self.form or self.choices:
-            return self.form or "one of " + ", ".join(self.choices)
-        return self.phrase(ONE[self.kind])
+            counts = f"{self.min_count} to {self.max_count} " if math.isfinite(self.max_count) else ""
+            counts = f"{self.min_count} " if self.min_count == self.max_count else counts
+            alone = f"{self._names[0]}, or " if self.or_one else ""
+            return f"{alone}a list of {counts}{self._names[1]}"
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        what = self._names[0] if isinstance(self.kind, Shape) else self.phrase(self._names[0])
+        return " or ".join((*self.also, what))
+
+    @property
+    def several(self) -> str:  # type: ignore[override]  # of other shapes, it is always the same
+        """What several of them are called."""
+        return "lists" if self.many else self._names[1]
+
+    @property
+    def _names(self) -> tuple[str, str]:
+        """What one value is, and what several are."""
+        if isinstance(self.kind, Shape):
+            return self.kind.expected, self.kind.several
+        names = [NAMES[kind] for kind in (self.kind if isinstance(self.kind, tuple) else (self.kind,))]
+        return " or ".join(one for one, _, _ in names), " or ".join(many for _, many, _ in names)
 
     def phrase(self, what: str) -> str:
         """Return `what`, such as "a number", with the range and the unit."""
@@ -81,150 +182,168 @@ class Field:
         """The meaning with the unit in brackets."""
         return f"{self.meaning} [{self.unit}]" if self.unit else self.meaning
 
+    def about(self, meaning: str) -> Field:
+        """Return the same with a meaning."""
+        return replace(self, meaning=meaning)
+
+    @cached_property
+    def one(self) -> Field:
+        """The field of one value of a list."""
+        alone = replace(self, many=False, ordered=False, or_one=False, default=REQUIRED)
+        return replace(alone, make=None, form="", null=REQUIRED, rules={})
+
+    def accepts(self, value: Any) -> bool:
+        """Return true: `read` explains what it refuses."""
+        return True
+
     def check(self, value: Any, where: str = "", error: type[CesError] = CesError) -> Any:
         """Return the value, a whole number as a float where that is the kind; raises `error` beginning with `where`."""
-        where = where or self.name
-        if self.many:
-            items = value if isinstance(value, Sequence) and not isinstance(value, str) else None
-            if items is None or len(items) < self.min_count:
-                raise error(f"{where} is {value!r}; expected {self.expected}")
-            return [self.one.check(item, where, error) for item in items]
-        if not self._accepts(value):
-            raise error(f"{where} is {quote(value)}; expected {self.expected}")
-        if self.check_text is not None:
-            self._check_text(value, error, f"{where}: ")
-        return float(value) if self.kind is float else value
+        with explaining(where or self.name, error):
+            found = self.read(value)
+        return list(found) if self.many and self.make is None else found
 
     def parse(self, text: str) -> Any:
         """Return the value that a text on a command line stands for; raises CesError."""
-        if self.check_text is not None:
-            self._check_text(text, CesError)
         try:
-            return self.check(self.kind(text))
-        except (ValueError, CesError):
+            return self.read(self.kind(text))
+        except (FieldError, ValueError) as reason:
+            if self.check_text is not None:
+                raise CesError(str(reason).removeprefix(": ")) from None
             raise CesError(f"found '{text}'; expected {self.expected}") from None
 
-    def _check_text(self, text: str, error: type[CesError], where: str = "") -> None:
+    def read(self, value: Any, base: Any = None, complete: bool = False) -> Any:
+        """Return the value of a record for one in a file; raises FieldError. For `base` and `complete`, see `Shape`."""
+        if self.null is not REQUIRED and value == self.null:
+            return None
+        if self.many:
+            found = self._read_list(value, complete)
+        elif isinstance(self.kind, Shape):
+            if not self.kind.accepts(value):
+                raise self.refusal(value)
+            found = self.kind.read(value, base, complete)
+        else:
+            found = self._read_plain(value)
         try:
-            assert self.check_text is not None
-            self.check_text(text)
-        except ValueError as reason:
-            raise error(f"{where}{reason}") from None
+            return found if self.make is None else self.make(found)
+        except (ValueError, CesError) as reason:
+            raise FieldError(f": {reason}") from None
 
-    @property
-    def is_record(self) -> bool:
-        """Whether the value is a record, with fields of its own."""
-        return is_dataclass(self.kind)
+    def _read_list(self, value: Any, complete: bool) -> tuple[Any, ...]:
+        good = isinstance(value, Sequence) and not isinstance(value, str)
+        if not good and self.or_one:
+            return (self.one.read(value),)
+        if not good or not self.min_count <= len(value) <= self.max_count:
+            raise self.refusal(value)
+        one = self.one
+        if one.kind is float and all(type(v) is float and one.low <= v <= one.high for v in value) and not one.above:
+            found = tuple(value)  # at once, for long lists of numbers
+        else:
+            found = tuple(read_part(f"[{i}]", one, item, None, complete) for i, item in enumerate(value))
+        if self.ordered and found[0] > found[-1]:
+            raise self.refusal(value)
+        if self.different and (twice := next((v for i, v in enumerate(found) if v in found[:i]), None)) is not None:
+            raise FieldError(f": {quote(twice)} is given twice; keep one")
+        return found
 
-    @property
-    def one(self) -> Field:
-        """The field of one value of a list."""
-        return replace(self, many=False, default=REQUIRED)
+    def _read_plain(self, value: Any) -> Any:
+        if isinstance(value, str) and value in self.also:
+            return value
+        if not self.takes(value):
+            raise self.refusal(value)
+        if self.check_text is not None:
+            try:
+                self.check_text(str(value))
+            except ValueError as reason:
+                raise FieldError(f": {reason}") from None
+        return float(value) if self.kind is float else value
 
-    def _accepts(self, value: Any) -> bool:
+    def takes(self, value: Any) -> bool:
+        """Return whether it accepts one plain value."""
         if self.choices:
             return value in self.choices
+        if self.kind is object:
+            return True
         if self.kind in (bool, int):
             good = type(value) is self.kind
         elif self.kind is float:
             good = isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
+        elif self.kind is Path:
+            good = isinstance(value, str | Path)
         else:
-            good = isinstance(value, str | Path if self.kind is Path else str)
-        if not good or self.kind not in (int, float):
+            good = isinstance(value, self.kind) and not isinstance(value, bool)
+        if not good or not isinstance(value, int | float) or self.kind is bool:
             return good
         return bool(value <= self.high and (self.low < value if self.above else self.low <= value))
+
+    def refusal(self, value: Any) -> FieldError:
+        """Return what is wrong with a value that is not `expected`."""
+        return FieldError(f" is {quote(value)}; expected {self.expected}{self.advice}")
+
+    @property
+    def advice(self) -> str:
+        """The remedy at the end of a message."""
+        return f"; {self.remedy}" if self.remedy else ""
+
+    def write(self, value: Any) -> Any:
+        """Return the value as a file has it."""
+        if value is None:
+            return None if self.null is REQUIRED else self.null
+        value = value if self.text is None else self.text(value)
+        if not isinstance(self.kind, Shape):
+            return list(value) if self.many else value
+        return [self.kind.write(item) for item in value] if self.many else self.kind.write(value)
 
     @property
     def schema(self) -> Schema:
         """The JSON Schema (draft 7) of the value, with its default and meaning."""
         schema = self.bare_schema
-        if self.default not in (REQUIRED, None):
+        if self.default not in (REQUIRED, None, (), []) and not isinstance(self.kind, Shape):
             schema["default"] = list(self.default) if self.many else self.default
         return schema | ({"description": self.described} if self.meaning else {})
 
     @property
     def bare_schema(self) -> Schema:
-        """The JSON Schema of the value alone."""
+        """The JSON Schema of the value alone, with its `rules`; one of them may be a reference to it elsewhere."""
+        if "$ref" in self.rules:
+            return self.rules
+        schema = self._shape_schema()
+        if self.null is None or self.also:
+            others = [{"type": "null"}] if self.null is None else [{"const": word} for word in self.also]
+            schema = {"anyOf": [*others, schema]}
+        return schema | self.rules
+
+    def _shape_schema(self) -> Schema:
         if self.many:
-            items = {"type": "array", "items": self.one.bare_schema}
-            return items | ({"minItems": self.min_count} if self.min_count else {})
-        if self.is_record:
-            return record_schema(self.kind)
+            items: Schema = {"type": "array", "items": self.one.bare_schema}
+            items |= {"minItems": self.min_count} if self.min_count else {}
+            items |= {"maxItems": self.max_count} if math.isfinite(self.max_count) else {}
+            items |= {"uniqueItems": True} if self.different else {}
+            return {"anyOf": [self.one.bare_schema, items]} if self.or_one else items
+        if isinstance(self.kind, Shape):
+            return self.kind.schema
         if self.choices:
             return {"enum": list(self.choices)}
-        schema: Schema = {"type": JSON[self.kind]}
+        if self.kind is object:
+            return {}
+        kinds = self.kind if isinstance(self.kind, tuple) else (self.kind,)
+        types = [NAMES[kind][2] for kind in kinds]
+        schema: Schema = {"type": types[0] if len(types) == 1 else types}
         if math.isfinite(self.low):
             schema["exclusiveMinimum" if self.above else "minimum"] = self.low
         return schema | ({"maximum": self.high} if math.isfinite(self.high) else {})
 
 
-def declare(made: Field) -> Any:
-    """Declare a dataclass field by a Field; its name and kind are those in the class."""
-    metadata = {"field": made}
-    if made.default is REQUIRED:
-        return field(metadata=metadata)
-    return field(default=tuple(made.default) if made.many else made.default, metadata=metadata)
-
-
-def quantity(
-    default: Any, unit: str, meaning: str, low: float = -math.inf, high: float = math.inf, above: bool = False
-) -> Any:
-    """Declare a dataclass field: a number in `unit` inside [low, high], or (low, high] with `above`."""
-    return declare(Field(default=default, unit=unit, meaning=meaning, low=low, high=high, above=above))
-
-
-def choice(default: str, meaning: str, choices: tuple[str, ...]) -> Any:
-    """Declare a dataclass field that is one of the words in `choices`."""
-    return declare(Field(default=default, meaning=meaning, choices=choices))
-
-
-def setting(default: Any, meaning: str) -> Any:
-    """Declare a dataclass field that is a text, a truth value or a list of texts."""
-    return declare(Field(default=default, meaning=meaning))
-
-
-def record_fields(cls: Any) -> Mapping[str, Field]:
-    """Return the fields of a dataclass by name, with the kinds of its annotations; a list of numbers is not empty."""
-    return _find_fields(cls)
-
-
-@cache
-def _find_fields(cls: Any) -> Mapping[str, Field]:
-    hints, known = get_type_hints(cls), {}
-    for f in fields(cls):
-        made, hint = f.metadata.get("field", Field()), hints[f.name]
-        many = get_origin(hint) is tuple
-        kind = next(kind for kind in get_args(hint) or (hint,) if kind not in (type(None), ...))
-        default = f.default if f.default_factory is MISSING else f.default_factory()
-        default = REQUIRED if default is MISSING else default
-        at_least = 1 if many and kind is not str else made.min_count
-        known[f.name] = replace(made, name=f.name, default=default, kind=kind, many=many, min_count=at_least)
-    return known
-
-
-def read_record(cls: type[T], values: object, where: str, error: type[CesError], base: T | None = None) -> T:
-    """Return `cls(**values)` with every value checked against its field, records in it included.
-
-    Keys that are missing have the values of `base`, if it is given. `where` begins every message, such as
-    `sine.yaml: stroke`. Raises `error`.
-    """
-    if not isinstance(values, Mapping):
-        raise error(f"{where}: expected a mapping of keys to values, found {values!r}")
-    known = record_fields(cls)
-    require_known_keys(values, known, where, error)
-    found = {name: getattr(base, name) for name in known} if base is not None else {}
-    for name, one in known.items():
-        if name in values and one.is_record:
-            found[name] = read_record(one.kind, values[name], f"{where}: {name}", error, found.get(name))
-        elif name in values:
-            checked = one.check(_without_quotes(one, values[name]), f"{where}: {name}", error)
-            found[name] = tuple(checked) if one.many else checked
-        elif base is None and one.default is REQUIRED:
-            raise error(f"{where}: '{name}' is missing; expected {one.expected}")
+def read_part(key: str, one: Field, value: Any, base: Any = None, complete: bool = False) -> Any:
+    """Return what `one` reads of the value under `key` of a whole; raises FieldError with its place there."""
     try:
-        return cls(**found)
-    except error as reason:  # of values that do not fit together
-        raise error(f"{where}: {reason}") from None
+        return one.read(value, base, complete)
+    except FieldError as error:
+        raise error.inside(key) from None
+
+
+def missing(key: str, one: Field) -> FieldError:
+    """Return what is wrong with a mapping that lacks a key."""
+    return FieldError(f": key '{key}' is missing; expected {one.expected}{one.advice}")
 
 
 def require_known_keys(
@@ -233,41 +352,4 @@ def require_known_keys(
     """Raise `error` at the first key of a mapping that is not `known`."""
     for key in values:
         if key not in known:
-            raise error(f"{where}: unknown key '{key}'; known are {', '.join(known)}")
-
-
-def _without_quotes(one: Field, value: Any) -> Any:
-    """Return a number that YAML reads as text, such as 1e6, as a number, and 2.0 as a whole number if that is asked."""
-    if isinstance(value, list | tuple):
-        return [_without_quotes(one.one, item) for item in value]
-    if one.kind not in (int, float) or not isinstance(value, str | float):
-        return value
-    try:
-        number = float(value)
-    except ValueError:
-        return value
-    if not math.isfinite(number):
-        return value
-    return int(number) if one.kind is int and number.is_integer() else number
-
-
-def record_schema(cls: type[Any], partial: bool = False) -> Schema:
-    """Return the JSON Schema of a mapping that `read_record` reads; with `partial` (a `base`), no key is required."""
-    known = record_fields(cls)
-    properties = {
-        name: record_schema(one.kind, partial) if one.is_record else one.schema for name, one in known.items()
-    }
-    schema: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
-    required = [name for name, one in known.items() if one.default is REQUIRED and not partial]
-    about = (cls.__doc__ or "").split("\n\n", maxsplit=1)[0].split("; raises", maxsplit=1)[0].replace("\n    ", " ")
-    return schema | ({"required": required} if required else {}) | {"description": about.strip()}
-
-
-def walk_record(record: Any, prefix: str = "") -> Iterator[tuple[str, Any, Field]]:
-    """Yield the path, value and field of every value in a record, such as `seal.coulomb_N`."""
-    for name, one in record_fields(type(record)).items():
-        value = getattr(record, name)
-        if is_dataclass(value):
-            yield from walk_record(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value, one
+            raise error(f"{where}: unknown key {quote(key)}; known are {', '.join(known)}")

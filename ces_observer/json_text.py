@@ -1,4 +1,4 @@
-"""Untrusted JSON from a file or a topic: parsed strictly, read value by value; files written as a whole or not at all.
+"""Untrusted JSON from a file or a topic, parsed strictly; files written as a whole or not at all.
 
 Values are bounded in size and depth. Unlike the `json` module, `parse_json` rejects repeated keys, NaN, infinities, and
 strings that UTF-8 cannot encode.
@@ -12,10 +12,10 @@ import os
 import stat
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from errno import EDQUOT, ENOSPC
-from math import inf, isfinite, isinf
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -101,80 +101,6 @@ def _start_of(text: str) -> str:
     return repr(text[:40])
 
 
-class JsonObject:
-    """A JSON object and its place in a file, which every error names; getters raise ModelError."""
-
-    def __init__(self, value: object, where: str) -> None:
-        if not isinstance(value, Mapping):
-            raise ModelError(f"{where}: found {quote(value)}; expected an object")
-        self.value = value
-        self.where = where
-
-    def require_only_keys(self, *keys: str) -> None:
-        """Raise ModelError if there is a key that is not in `keys`, such as a misspelt one."""
-        unknown = next((key for key in self.value if key not in keys), None)
-        if unknown is not None:
-            raise ModelError(f"{self.where}: unknown key {quote(unknown)}; known are {', '.join(keys)}")
-
-    def at(self, key: str) -> JsonObject:
-        """Return the object under `key`."""
-        return JsonObject(self._get(key), f"{self.where}: {key}")
-
-    def items(self, key: str, min_count: int, max_count: int) -> Iterator[JsonObject]:
-        """Yield the objects of the list under `key`."""
-        expected = f"a list of {min_count} to {max_count} objects"
-        value = self._get(key, lambda v: isinstance(v, list) and min_count <= len(v) <= max_count, expected)
-        return (JsonObject(item, f"{self.where}: {key}[{i}]") for i, item in enumerate(value))
-
-    def text(self, key: str) -> str:
-        """Return the string under `key`."""
-        return str(self._get(key, lambda v: isinstance(v, str), "a string"))
-
-    def choice(self, key: str, among: Sequence[str]) -> str:
-        """Return the string under `key`, one of `among`."""
-        return str(self._get(key, lambda v: isinstance(v, str) and v in among, "one of " + ", ".join(among)))
-
-    def number(self, key: str, low: float = -inf, high: float = inf) -> float:
-        """Return the finite number under `key`, within [low, high]."""
-        bounds = "" if isinf(high) else f" from {low:g} to {high:g}"
-        return float(self._get(key, lambda v: _is_finite(v) and low <= v <= high, f"a finite number{bounds}"))
-
-    def integer(self, key: str, low: int, high: int) -> int:
-        """Return the whole number under `key`, within [low, high]."""
-        expected = f"a whole number from {low} to {high}"
-        return int(self._get(key, lambda v: type(v) is int and low <= v <= high, expected))
-
-    def flag(self, key: str) -> bool:
-        """Return the boolean under `key`."""
-        return bool(self._get(key, lambda v: isinstance(v, bool), "true or false"))
-
-    def range(self, key: str, max_magnitude: float = inf) -> tuple[float, float]:
-        """Return the pair [low, high] of finite numbers under `key`, neither larger than `max_magnitude`."""
-        expected = f"[low, high], both finite and at most {max_magnitude:g}"
-        low, high = self._get(key, lambda v: _are_finite(v, 2, max_magnitude) and v[0] <= v[1], expected)
-        return float(low), float(high)
-
-    def numbers(self, key: str, count: int, max_magnitude: float) -> tuple[float, ...]:
-        """Return the list of `count` finite numbers under `key`, none larger than `max_magnitude`."""
-        expected = f"a list of {count} finite numbers, each at most {max_magnitude:g}"
-        return tuple(map(float, self._get(key, lambda v: _are_finite(v, count, max_magnitude), expected)))
-
-    def mapping_or_none(self, key: str) -> Mapping[str, Any] | None:
-        """Return the object under `key`, or None if it is null."""
-        value: Mapping[str, Any] | None = self._get(
-            key, lambda v: v is None or isinstance(v, Mapping), "an object or null"
-        )
-        return value
-
-    def _get(self, key: str, is_good: Callable[[Any], bool] = lambda value: True, expected: str = "") -> Any:
-        """Return the value under `key`; raises ModelError if it is missing or not `expected`."""
-        if key not in self.value:
-            raise ModelError(f"{self.where}: key '{key}' is missing")
-        if not is_good(self.value[key]):
-            raise ModelError(f"{self.where}: {key} is {quote(self.value[key])}; expected {expected}")
-        return self.value[key]
-
-
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Write `content` (a string as UTF-8) to a temporary file beside `path` and rename that.
 
@@ -224,15 +150,6 @@ def explain_write_errors(path: Path) -> Iterator[None]:
         full = error.errno in (ENOSPC, EDQUOT)
         advice = "free space there and run the same command" if full else "choose a writable folder"
         raise CesError(f"{path}: cannot be written: {error.strerror}; {advice}") from None
-
-
-def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and -1.7e308 < value < 1.7e308
-
-
-def _are_finite(value: object, count: int, max_magnitude: float) -> bool:
-    good = isinstance(value, list) and all(_is_finite(v) and abs(v) <= max_magnitude for v in value)
-    return good and len(value) == count  # type: ignore[arg-type]
 
 
 def quote(value: object) -> str:

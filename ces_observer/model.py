@@ -10,26 +10,25 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from ces_observer.band import Band
 from ces_observer.bank_design import ACCELERATION, SPEED, BankSettings
 from ces_observer.errors import ModelError
+from ces_observer.fields import REQUIRED, Field
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject, parse_json, read_bounded, write_atomically
+from ces_observer.json_text import parse_json, read_bounded, write_atomically
 from ces_observer.proof.certificate import Certificate
+from ces_observer.records import OneOf, Record, bounded, choice, part, quantity, read_document, write_record
 from ces_observer.structures import STRUCTURES
 from ces_observer.structures.structure import MAX_FORCE_N, OperatingRange, Predictor, Range, Ranges, Structure
 from ces_observer.tick.model import WARM_UP
 
 SCHEMA = "ces-model/1"
 GONE = ("relaxation", "chambers")  # structures of earlier versions
-BAND = "band"  # optional key
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
-SETTLES = "settles_s"  # optional key
-KEYS = ("schema", "units", "sampling", "structure", "input_envelope", "force_envelope_N", "certificate", "provenance")
 MAX_BYTES = 1_000_000
 MOTIONS = (SPEED, ACCELERATION)  # signals that may be measured beside the position
 MAX_DELAY_S = 0.02
@@ -43,18 +42,34 @@ MAX_GAP_TICKS = 20_000  # that one position sample may have to compute, after th
 class Sampling:
     """How irregular samples become the model's uniform ticks, both offline and on the vehicle."""
 
-    rate_Hz: float
-    noise_m: float  # [m] RMS noise of the positions
-    speed_m_s: float  # [m/s] RMS speed of the identification recordings
-    stroke_m: Range  # [m] positions outside are not believed
-    outlier_m: float  # [m] a position further than this from its prediction is dropped
-    frequencies_Hz: tuple[float, ...] = FREQUENCIES_HZ  # of the modes of the bank
-    max_gap_s: float = 0.05  # [s] a longer silence restarts the estimator
-    max_current_age_s: float = 0.2  # [s] an older current is not used
-    warm_up_s: float = 0.5  # [s] after each restart: forces are withheld, and not scored
-    delay_s: float = 0.0  # [s] after a sample, at which its speed is taken and its force comes out
-    motion: str = ""  # the signal measured beside the position, one of MOTIONS, if any
-    motion_noise: float = 0.0  # [m/s or m/s2] its RMS noise
+    rate_Hz: float = quantity(REQUIRED, "Hz", "ticks a second", 1.0, 100e3)
+    noise_m: float = quantity(REQUIRED, "m", "RMS noise of the positions", 1e-12, 1.0)
+    speed_m_s: float = quantity(REQUIRED, "m/s", "RMS speed of the identification recordings", 1e-9, 1e3)
+    stroke_m: Range = quantity(REQUIRED, "m", "positions outside are not believed", -MAX_INPUT, MAX_INPUT)
+    outlier_m: float = quantity(REQUIRED, "m", "a position further from its prediction is dropped", 1e-9, 1e3)
+    frequencies_Hz: tuple[float, ...] = bounded(
+        0.0, MAX_FREQUENCY_HZ, "of the modes of the bank", FREQUENCIES_HZ, unit="Hz", max_count=MAX_MODES
+    )
+    max_gap_s: float = quantity(0.05, "s", "a longer silence restarts the estimator", 1e-4, 10.0)
+    max_current_age_s: float = quantity(0.2, "s", "an older current is not used", 1e-4, 1e6)
+    warm_up_s: float = quantity(0.5, "s", "after each restart: forces are withheld, and not scored", 0.0, 60.0)
+    delay_s: float = quantity(
+        0.0, "s", "after a sample, at which its speed is taken and its force comes out", 0.0, MAX_DELAY_S
+    )
+    motion: str = choice("", "the signal measured beside the position, if any", MOTIONS, optional=True)
+    motion_noise: float = bounded(
+        1e-9, 1e6, "its RMS noise, in its unit", 0.0, when=lambda values: values.get("motion")
+    )
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless its numbers fit together."""
+        if not all(0.0 < f < 0.5 * self.rate_Hz for f in self.frequencies_Hz):
+            raise ModelError(f"frequencies_Hz are {self.frequencies_Hz}; expected 0 to half the rate")
+        if (ticks := self.rate_Hz * self.max_gap_s) > MAX_GAP_TICKS:
+            raise ModelError(f"max_gap_s spans {ticks:.0f} ticks; expected at most {MAX_GAP_TICKS}")
+        if abs(self.delay_ticks - self.delay_s * self.rate_Hz) > 1e-6:
+            raise ModelError(f"delay_s is {self.delay_s:g}; expected whole ticks of {1.0 / self.rate_Hz:g} s")
+        return self
 
     @property
     def delay_ticks(self) -> int:
@@ -74,19 +89,14 @@ class Sampling:
             self.motion_noise,
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the object in the model file; without a measured motion it has no keys for it."""
-        content = asdict(self)
-        return content if self.motion else {k: v for k, v in content.items() if not k.startswith("motion")}
-
 
 @dataclass(frozen=True)
 class Envelope:
     """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate."""
 
-    position_m: Range
-    speed_m_s: Range
-    current_A: Range
+    position_m: Range = bounded(-MAX_INPUT, MAX_INPUT)
+    speed_m_s: Range = bounded(-MAX_INPUT, MAX_INPUT)
+    current_A: Range = bounded(-MAX_INPUT, MAX_INPUT)
 
     @property
     def by_signal(self) -> Ranges:
@@ -104,13 +114,18 @@ class Model:
     """
 
     sampling: Sampling
-    body: Structure
-    envelope: Envelope
-    force_envelope_N: Range
+    body: Structure = part(kind=OneOf(STRUCTURES, "structure"), inline=True)
+    envelope: Envelope = part(key="input_envelope")
+    force_envelope_N: Range = bounded(-MAX_FORCE_N, MAX_FORCE_N)
     certificate: Mapping[str, Any] | None = None
+    settles_s: float = bounded(0.0, 60.0, default=0.0, optional=True)
+    band: Band | None = part(default=None, optional=True)
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    band: Band | None = None
-    settles_s: float = 0.0
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError if the structure does not fit the envelope."""
+        self.body.check_over(self.envelope.by_signal)
+        return self
 
     @property
     def warm_up_s(self) -> float:
@@ -154,19 +169,7 @@ class Model:
 
     def to_json(self) -> str:
         """Return the text of the model file."""
-        content = {
-            "schema": SCHEMA,
-            "units": UNITS,
-            "sampling": self.sampling.to_json(),
-            "structure": self.structure,
-            **self.body.to_json(),
-            "input_envelope": asdict(self.envelope),
-            "force_envelope_N": self.force_envelope_N,
-            "certificate": self.certificate,
-            **({SETTLES: self.settles_s} if self.settles_s else {}),
-            **({} if self.band is None else {BAND: self.band.to_json()}),
-            "provenance": self.provenance,
-        }
+        content = {"schema": SCHEMA, "units": UNITS, **write_record(self)}
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
     def save(self, path: str | Path) -> None:
@@ -176,6 +179,9 @@ class Model:
     def digest(self) -> str:
         """Return the SHA-256 of the model file's text, which diagnostics show."""
         return hashlib.sha256(self.to_json().encode()).hexdigest()
+
+
+FILE = Field(kind=Record(Model))
 
 
 def load_model(path: str | Path) -> Model:
@@ -196,70 +202,22 @@ def parse_model(text: str, source: str) -> Model:
     """Check the text of a model file; `source` names it in errors. Raises ModelError."""
     if len(text) > MAX_BYTES:
         raise ModelError(f"{source}: {len(text)} characters; a model file has at most {MAX_BYTES} bytes")
-    root = JsonObject(parse_json(text, source), source)
-    schema = root.text("schema")
-    if schema != SCHEMA:
-        raise ModelError(
-            f"{source}: schema is {schema[:40]!r}; this version reads '{SCHEMA}': identify the model again"
-        )
-    if root.value.get("units", UNITS) != UNITS:
-        raise ModelError(f"{source}: units are not those of '{SCHEMA}'; expected {UNITS}")
-    if "delayed" in root.value:
-        raise ModelError(
-            f"{source}: holds a second model in the key 'delayed'; expected one model a file: identify again, once for "
-            "each --delay"
-        )
-    if root.value.get("structure") in GONE:
-        name = root.value["structure"]
-        raise ModelError(f"{source}: structure is {name!r}; 'hydraulic' took its place: identify the model again")
-    sampling = _sampling(root.at("sampling"))
-    structure = STRUCTURES[root.choice("structure", tuple(STRUCTURES))]
-    inputs, names = root.at("input_envelope"), [one.name for one in fields(Envelope)]
-    inputs.require_only_keys(*names)
-    envelope = Envelope(*(inputs.range(name, MAX_INPUT) for name in names))
-    model = Model(
-        sampling=sampling,
-        body=structure.from_json(root, envelope.by_signal),
-        envelope=envelope,
-        force_envelope_N=root.range("force_envelope_N", MAX_FORCE_N),
-        certificate=root.mapping_or_none("certificate"),
-        provenance=root.mapping_or_none("provenance") or {},
-        band=Band.from_json(root.at(BAND)) if BAND in root.value else None,
-        settles_s=root.number(SETTLES, 0.0, 60.0) if SETTLES in root.value else 0.0,
-    )
-    root.require_only_keys(*KEYS, SETTLES, BAND, *structure.keys)
+    values = parse_json(text, source)
+    if isinstance(values, dict):
+        _refuse_other_versions(values, source)
+        values.pop("units", None)
+    model: Model = read_document(FILE, values, source, SCHEMA, "identify the model again", ModelError)
     return model
 
 
-def _sampling(node: JsonObject) -> Sampling:
-    if "bandwidth_Hz" in node.value:
-        raise ModelError(
-            f"{node.where}: written by a version that estimated the speed otherwise: identify the model again"
-        )
-    motion = node.choice("motion", MOTIONS) if "motion" in node.value else ""
-    node.require_only_keys(*(one.name for one in fields(Sampling) if motion or not one.name.startswith("motion")))
-    listed = node.value.get("frequencies_Hz")
-    count = min(len(listed), MAX_MODES) if isinstance(listed, list) and listed else 1
-    sampling = Sampling(
-        rate_Hz=node.number("rate_Hz", 1.0, 100e3),
-        noise_m=node.number("noise_m", 1e-12, 1.0),
-        speed_m_s=node.number("speed_m_s", 1e-9, 1e3),
-        stroke_m=node.range("stroke_m", MAX_INPUT),
-        outlier_m=node.number("outlier_m", 1e-9, 1e3),
-        frequencies_Hz=node.numbers("frequencies_Hz", count, MAX_FREQUENCY_HZ),
-        max_gap_s=node.number("max_gap_s", 1e-4, 10.0),
-        max_current_age_s=node.number("max_current_age_s", 1e-4, 1e6),
-        warm_up_s=node.number("warm_up_s", 0.0, 60.0),
-        delay_s=node.number("delay_s", 0.0, MAX_DELAY_S),
-        motion=motion,
-        motion_noise=node.number("motion_noise", 1e-9, 1e6) if motion else 0.0,
-    )
-    if not all(0.0 < f < 0.5 * sampling.rate_Hz for f in sampling.frequencies_Hz):
-        raise ModelError(f"{node.where}: frequencies_Hz are {sampling.frequencies_Hz}; expected 0 to half the rate")
-    ticks = sampling.rate_Hz * sampling.max_gap_s
-    if ticks > MAX_GAP_TICKS:
-        raise ModelError(f"{node.where}: max_gap_s spans {ticks:.0f} ticks; expected at most {MAX_GAP_TICKS}")
-    if abs(sampling.delay_ticks - sampling.delay_s * sampling.rate_Hz) > 1e-6:
-        tick_s = 1.0 / sampling.rate_Hz
-        raise ModelError(f"{node.where}: delay_s is {sampling.delay_s:g}; expected whole ticks of {tick_s:g} s")
-    return sampling
+def _refuse_other_versions(values: Mapping[str, Any], source: str) -> None:
+    again, sampling = "identify the model again", values.get("sampling")
+    if values.get("units", UNITS) != UNITS:
+        raise ModelError(f"{source}: units are not those of '{SCHEMA}'; expected {UNITS}")
+    if "delayed" in values:
+        text = "holds a second model in the key 'delayed'; expected one model a file"
+        raise ModelError(f"{source}: {text}: identify again, once for each --delay")
+    if (name := values.get("structure")) in GONE:
+        raise ModelError(f"{source}: structure is {name!r}; 'hydraulic' took its place: {again}")
+    if isinstance(sampling, Mapping) and "bandwidth_Hz" in sampling:
+        raise ModelError(f"{source}: sampling: written by a version that estimated the speed otherwise: {again}")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ces_observer.errors import SignalsError
-from ces_observer.fields import REQUIRED, Field
+from ces_observer.fields import REQUIRED, Field, require_known_keys
 from ces_observer.json_text import quote
 
 NAMES = ("position", "current", "force", "sim_force", "temperature", "speed", "acceleration")
@@ -40,13 +40,34 @@ _INDEX = re.compile(r"[0-9]{1,9}", re.ASCII)
 _TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*\Z", re.ASCII)
 _SOURCE = ("topic", "type", "field")
 _SCALED = "value in SI units = scale * number + offset"
+
+
+def _require_printable(text: str) -> None:
+    if len(text) > LONGEST or not text.isprintable():
+        raise ValueError(f"found {quote(text)}; expected at most {LONGEST} printable characters")
+
+
+def _require_type(text: str) -> None:
+    _require_printable(text)
+    if not _TYPE.match(text):
+        raise ValueError(f"'{text}' is not of the form package/msg/Type")
+
+
 FIELDS: Mapping[str, Field] = {  # of a signal
     one.name: one
     for one in (
-        Field("topic", meaning="topic; a relative name is resolved in the node's namespace"),
-        Field("type", meaning="message type, such as sensor_msgs/msg/JointState"),
-        Field("field", meaning="path to the number in the message, as data, wrench.force.z or position[rear_damper]"),
-        Field("scale", 1.0, _SCALED, -LARGEST, LARGEST),
+        Field(
+            "topic", meaning="topic; a relative name is resolved in the node's namespace", check_text=_require_printable
+        ),
+        Field(
+            "type", meaning="message type, such as sensor_msgs/msg/JointState", check_text=_require_type,
+            rules={"pattern": r"^[A-Za-z]\w*/msg/[A-Za-z]\w*$"},
+        ),
+        Field(
+            "field", meaning="path to the number in the message, as data, wrench.force.z or position[rear_damper]",
+            check_text=_require_printable,
+        ),
+        Field("scale", 1.0, _SCALED, -LARGEST, LARGEST, rules={"not": {"const": 0}}),
         Field("offset", 0.0, _SCALED, -LARGEST, LARGEST),
         Field(
             "delay", 0.0, "[s] by how much later than measured the numbers are stamped; stamps are moved back by it",
@@ -206,22 +227,14 @@ def _signal(name: str, description: object, source: str) -> Signal | Constant:
         raise SignalsError(
             f"{where} is {quote(description)}; expected a mapping with topic, type and field, or constant"
         )
-    unknown = sorted(map(str, description.keys() - FIELDS.keys()))
-    if unknown:
-        raise SignalsError(f"{where}: unknown key {quote(unknown[0])}; known are {', '.join(sorted(FIELDS))}")
+    require_known_keys(description, FIELDS, where, SignalsError)
     if "constant" in description:
         return Constant(name, FIELDS["constant"].check(description["constant"], f"{where}: constant", SignalsError))
     settings = {**DEFAULTS.get(name, {}), **NUMBERS, **description}
     for key in _SOURCE:
-        if not isinstance(settings.get(key), str) or not settings[key]:
+        if not settings.get(key):
             raise SignalsError(f"{where}: '{key}' is missing; set topic, type and field")
-        if len(settings[key]) > LONGEST or not settings[key].isprintable():
-            raise SignalsError(
-                f"{where}: {key} is {quote(settings[key])}; expected at most {LONGEST} printable characters"
-            )
-    if not _TYPE.match(settings["type"]):
-        raise SignalsError(f"{where}: type '{settings['type']}' is not of the form package/msg/Type")
-    numbers = {key: FIELDS[key].check(settings[key], f"{where}: {key}", SignalsError) for key in NUMBERS}
-    if numbers["scale"] == 0.0:
+    values = {key: FIELDS[key].check(value, f"{where}: {key}", SignalsError) for key, value in settings.items()}
+    if values["scale"] == 0.0:
         raise SignalsError(f"{where}: scale is 0; expected the factor from the logged unit to SI")
-    return Signal(name, settings["topic"], settings["type"], FieldPath.parse(settings["field"]), **numbers)
+    return Signal(name, **{**values, "field": FieldPath.parse(values["field"])})

@@ -28,7 +28,7 @@ from numpy.random import Generator
 from scipy.signal import butter, sosfilt
 
 from ces_data.arrays import F
-from ces_observer.fields import quantity
+from ces_observer.records import quantity
 from ces_rig.errors import RigError
 
 GIVEN, VEHICLE, SERVO = 0, 1, 2  # what moves the damper

@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
-from ces_observer.fields import choice, quantity
+from ces_observer.records import choice, quantity
 
 EPOCH_NS = 1_293_840_000_000_000_000  # 2011-01-01 00:00 UTC, the year of the thesis
 GRID_S = 0.5e-3  # [s] grid of the commands and of the true signals

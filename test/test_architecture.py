@@ -25,8 +25,9 @@ MAY_IMPORT = {  # ces_gap and ces_rig never know each other
 }
 ROOMS = {  # folders and modules of each package from the bottom up: each imports only what stands before it
     "ces_observer": (
-        "arrival_clock errors json_text fields options current_hold lazy_names proof reasons tick core flat kalman "
-        "bank_design signals band structures cdr model sampling_layout estimator damper_observer health control nodes"
+        "arrival_clock errors json_text fields shapes records options current_hold lazy_names proof reasons tick core "
+        "flat kalman bank_design signals band structures cdr model sampling_layout estimator damper_observer health "
+        "control nodes"
     ),
     "ces_data": (
         "arrays compilation recording integration config_file log_formats units bags findings samples signals_file "
@@ -64,13 +65,13 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 138,
-    "ces_data": 86.1,
+    "ces_observer": 139.9,
+    "ces_data": 86,
     "ces_report": 11.5,
-    "ces_identify": 168.8,
-    "ces_rig": 77.2,
-    "ces_gap": 127.2,
-    "ces_cli": 68.7,
+    "ces_identify": 169.4,
+    "ces_rig": 76.8,
+    "ces_gap": 127,
+    "ces_cli": 66.4,
     "bench": 79.8,
     "test": 477,
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bench.reference.tables import code, codes, table
 from ces_identify.structures import KITS
+from ces_observer.records import Record
 
 HEAD = """
 What `ces identify --structure NAME` fits; `auto` compares several. [Model structures](../structures.md) says
@@ -18,7 +19,7 @@ def structures_page() -> str:
             code(name),
             kit.about,
             codes(size.flag for size in kit.sizes),
-            codes(kit.body.keys),
+            codes(Record(kit.body).keys({})),
             "go on straight, up to a stated reach" if kit.body.extrapolates else "clamped",
         )
         for name, kit in KITS.items()

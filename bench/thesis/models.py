@@ -27,7 +27,7 @@ from ces_data.recording import Recording
 from ces_identify.identification import identify
 from ces_identify.numerics.search import GAUSS_NEWTON, Limits
 from ces_identify.numerics.search import THESIS as TO_THE_LETTER
-from ces_identify.polynomial.candidates import load_rules
+from ces_identify.polynomial.rules_file import load_rules
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape

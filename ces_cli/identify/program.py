@@ -52,8 +52,8 @@ from ces_identify.identification import (
 )
 from ces_identify.numerics.search import Limits
 from ces_identify.options import build_identify_options
-from ces_identify.polynomial.candidates import built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend
+from ces_identify.polynomial.rules_file import built_in_rules, load_rules
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion
 from ces_identify.structures import KITS

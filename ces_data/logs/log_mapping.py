@@ -2,45 +2,25 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.units import QUANTITIES, find_unit
 from ces_observer.errors import CesError
-from ces_observer.fields import Field, require_known_keys
-from ces_observer.signals import NAMES, UNITS
+from ces_observer.fields import Field, Schema
+from ces_observer.records import OneOf, choice, in_files, part, read_record
+from ces_observer.shapes import ByName
+from ces_observer.signals import NAMES
 
 WHAT = "a mapping for ces import; ces import --template prints one"
 ONE_TIME = "give one of 'time' and 'rate'"
-SOURCES = ("column", "constant", "from_name")
-COLUMN_KEYS = ("unit", "group", "date")
-
-
-def _require_one_character(text: str) -> None:
-    if len(text) != 1:
-        raise ValueError(f"found {text!r}; expected one character")
-
-
-LAYOUT: Mapping[str, Field] = {  # of a log: its form, which the first lines tell as well
-    one.name: one
-    for one in (
-        Field("format", meaning="left out, the file's suffix decides", choices=tuple(LOG_FORMATS)),
-        Field("delimiter", meaning="between the cells of a CSV file", check_text=_require_one_character),
-        Field("decimal", meaning="mark in the numbers of a CSV file", choices=(".", ",")),
-        Field("header_lines", meaning="lines before the first row of numbers", low=0, kind=int),
-        Field("names", meaning="names for the columns", many=True),
-        Field("rows", meaning="where the table is in a JSON or MAT file", form="a path such as results.data"),
-        Field("blank", meaning="a blank cell: a mistake, or a sample that was not taken", choices=("error", "missing")),
-        Field("dbc", meaning="databases of a CAN log (.dbc)", many=True),
-    )
-}
-LAYOUT_KEYS = (*LAYOUT, "time", "rate")
+SCALING = "value in SI units = scale * cell + offset"
+KNOWN = "give its column, or a constant if it is known"
 
 TEMPLATE = packaged_text("ces_data.logs", "template.yaml").replace("FORMATS", "one of " + ", ".join(LOG_FORMATS))
 
@@ -49,40 +29,99 @@ class MappingError(CesError):
     """A mapping file that cannot be used."""
 
 
-@dataclass(frozen=True)
-class LogColumn:
-    """A column of the table by name or number (from 0); value = scale * cell + offset.
+def _require_one_character(text: str) -> None:
+    if len(text) != 1:
+        raise ValueError(f"found {text!r}; expected one character")
 
-    `scaled` is true if the mapping gives scale, offset or unit; otherwise the log's own unit counts, if it states one.
+
+def _require_date(text: str) -> None:
+    if "%" not in text:
+        raise ValueError(f'{text!r}; expected a pattern of a date, such as "%d/%m/%Y %H:%M:%S.%f"')
+
+
+def _compile(text: str) -> re.Pattern[str]:
+    try:
+        pattern = re.compile(text)
+    except re.error as error:
+        raise ValueError(f"{text!r}; expected a regular expression ({error})") from None
+    if not pattern.groups:
+        raise ValueError(f'{text!r}; expected a regular expression with a group, such as "_([0-9.]+)A"')
+    return pattern
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scaling:
+    """How a number becomes one in SI units, by its unit, or by scale and offset."""
+
+    unit: str = part(default="", meaning="unit of the column, instead of scale and offset")
+    given_scale: float | None = part(key="scale", default=None, meaning=SCALING, rules={"not": {"const": 0}})
+    given_offset: float | None = part(key="offset", default=None, meaning=SCALING)
+    schema_rules: ClassVar[Schema] = {
+        "not": {"required": ["unit"], "anyOf": [{"required": ["scale"]}, {"required": ["offset"]}]}
+    }
+
+    @property
+    def scaled(self) -> bool:
+        """Whether the mapping says it; otherwise the log's own unit counts, if it states one."""
+        return bool(self.unit) or (self.given_scale, self.given_offset) != (None, None)
+
+    @property
+    def scale(self) -> float:
+        """The factor."""
+        unit = find_unit(self.unit) if self.unit else None
+        return unit.scale if unit else 1.0 if self.given_scale is None else self.given_scale
+
+    @property
+    def offset(self) -> float:
+        """What is added."""
+        unit = find_unit(self.unit) if self.unit else None
+        return unit.offset if unit else self.given_offset or 0.0
+
+    def check_for(self, name: str) -> None:
+        """Raise MappingError for a scale of zero, and for a unit that is not the signal's, or not alone."""
+        if self.given_scale == 0.0:
+            raise MappingError("scale is 0; expected the factor from the logged unit to SI")
+        unit, quantities = find_unit(self.unit) if self.unit else None, QUANTITIES.get(name, ())
+        alone = (self.given_scale, self.given_offset) == (None, None)
+        if self.unit and (unit is None or unit.quantity not in quantities or not alone):
+            expected = f"that of a {' or '.join(quantities)}, without scale and offset"
+            raise MappingError(f"unit is {self.unit!r}; expected {expected}")
+
+
+@dataclass(frozen=True)
+class LogColumn(Scaling):
+    """A column of the table by name or number (from 0).
+
     `group` selects one of several channels of the name, `date` is the pattern of a time as text.
     """
 
-    key: str | int
-    scale: float = 1.0
-    offset: float = 0.0
-    scaled: bool = False
-    group: str | int | None = None
-    date: str = ""
-    unit: str = ""
+    key: str | int = part(key="column", low=0, form="a name, or a number from 0", meaning="its name or number")
+    group: str | int | None = part(default=None, meaning="number or name of a channel group or bus")
+    date: str = part(default="", check_text=_require_date, meaning='pattern of a date, such as "%d/%m/%Y %H:%M:%S.%f"')
 
 
 @dataclass(frozen=True)
 class FixedValue:
     """A value that is the same in all rows of all files."""
 
-    value: float
+    value: float = part(key="constant", meaning="the same value in all rows")
 
 
 @dataclass(frozen=True)
-class FileNameValue:
-    """A number in the file's name, the first group of `pattern`; value = scale * number + offset."""
+class FileNameValue(Scaling):
+    """A number in the file's name, the first group of `pattern`."""
 
-    pattern: re.Pattern[str]
-    scale: float = 1.0
-    offset: float = 0.0
+    pattern: re.Pattern[str] = part(
+        key="from_name", make=_compile, meaning="the first group, found in the file's name", rules={"format": "regex"}
+    )
 
 
 Source = LogColumn | FixedValue | FileNameValue
+SIGNALS = ByName(
+    Field(kind=OneOf({"column": LogColumn, "constant": FixedValue, "from_name": FileNameValue}, tag=""), remedy=KNOWN),
+    NAMES,
+    ("current", "force"),
+)
 
 
 @dataclass(frozen=True)
@@ -93,18 +132,45 @@ class DynoMapping:
     its source; it always includes current and force, and position or speed.
     """
 
-    source: str
-    signals: Mapping[str, Source]
-    time: LogColumn | None = None
-    rate: float | LogColumn | None = None
-    format: str = ""
-    delimiter: str | None = None
-    decimal: str | None = None
-    header_lines: int | None = None
-    names: tuple[str, ...] = ()
-    rows: str = ""
-    blank: str = "error"
-    dbc: tuple[Path, ...] = ()
+    signals: Mapping[str, Source] = part(kind=SIGNALS, inline=True)
+    time: LogColumn | None = part(default=None, meaning="[s] after scaling", form="a mapping with its column")
+    rate: float | LogColumn | None = part(
+        default=None, low=0.0, above=True, meaning="[Hz], instead of time", form="a rate above 0 Hz, or {column: NAME}"
+    )
+    format: str = choice("", "left out, the file's suffix decides", tuple(LOG_FORMATS))
+    delimiter: str | None = part(
+        default=None, check_text=_require_one_character, meaning="between the cells of a CSV file"
+    )
+    decimal: str | None = choice(None, "mark in the numbers of a CSV file", (".", ","))
+    header_lines: int | None = part(default=None, low=0, meaning="lines before the first row of numbers")
+    names: tuple[str, ...] = part(
+        default=(), kind=(str, float), make=lambda names: tuple(map(str, names)), meaning="names for the columns"
+    )
+    rows: str = part(default="", meaning="where the table is in a JSON or MAT file", form="a path such as results.data")
+    blank: str = choice("error", "a blank cell: a mistake, or a sample that was not taken", ("error", "missing"))
+    dbc: tuple[Path, ...] = part(
+        default=(), kind=Path, meaning="databases of a CAN log (.dbc)", rules={"type": ["string", "array"]}
+    )
+    source: str = field(default="", metadata=in_files(None))
+    schema_rules: ClassVar[Schema] = {
+        "anyOf": [{"required": ["position"]}, {"required": ["speed"]}], "not": {"required": ["time", "rate"]}
+    }  # fmt: skip
+
+    def checked(self) -> Self:
+        """Return it; raises MappingError unless there is a motion, and the units fit."""
+        if not {"position", "speed"} & self.signals.keys():
+            raise MappingError(f"key 'position' is missing; {KNOWN}, or that of the speed")
+        if self.time is not None and self.rate is not None:
+            raise MappingError(ONE_TIME)
+        for name, source in (*self.signals.items(), ("time", self.time), ("rate", self.rate)):
+            if isinstance(source, Scaling):
+                try:
+                    source.check_for(name)
+                except MappingError as error:
+                    raise MappingError(f"{name}: {error}") from None
+            if isinstance(source, LogColumn) and source.date and name != "time":
+                raise MappingError(f"{name}: date is {source.date!r}; expected it for the time only")
+        return self
 
 
 def load_dyno_mapping(path: Path) -> DynoMapping:
@@ -121,103 +187,7 @@ def _make_mapping(path: Path, content: Mapping[str, Any]) -> DynoMapping:
     if "/**" in content or any(isinstance(part, Mapping) and "topic" in part for part in content.values()):
         remedy = "--mapping takes a mapping of columns, which 'ces import LOG --propose' writes"
         raise MappingError(f"{path}: is a signals file (--signals); {remedy}")
-    require_known_keys(content, (*LAYOUT_KEYS, *NAMES), str(path), MappingError)
-    for name in ("position", "current", "force"):
-        if name not in content and not (name == "position" and "speed" in content):
-            raise MappingError(f"{path}: no '{name}'; give its column, or a constant if it is known")
-    if "time" in content and "rate" in content:
-        raise MappingError(f"{path}: {ONE_TIME}")
-    reader = _Reader(path, content)
-    return DynoMapping(
-        source=str(path),
-        signals={name: reader.source(name) for name in NAMES if name in content},
-        time=reader.column("time") if "time" in content else None,
-        rate=reader.rate() if "rate" in content else None,
-        **reader.layout(),
-    )
-
-
-class _Reader:
-    """Checks the values under the keys of a mapping file."""
-
-    def __init__(self, path: Path, content: Mapping[str, Any]) -> None:
-        self.path, self.content = path, content
-
-    def source(self, name: str) -> Source:
-        content = self._mapping(name)
-        expected = f"one of column, constant and from_name, in {UNITS[name]} after scaling"
-        self._require(sum(key in content for key in SOURCES) == 1, name, content, expected)
-        if "constant" in content:
-            return FixedValue(self._number(content["constant"], name, "a finite number"))
-        if "column" in content:
-            return self.column(name)
-        text = content["from_name"]
-        try:
-            pattern = re.compile(str(text))
-        except re.error as error:
-            raise self._error(name, text, f"a regular expression ({error})") from None
-        self._require(pattern.groups > 0, name, text, 'a regular expression with a group, such as "_([0-9.]+)A"')
-        return FileNameValue(pattern, *self._scaling(content, name))
-
-    def column(self, name: str) -> LogColumn:
-        content = self._mapping(name)
-        key: Any = content.get("column")
-        group, date = content.get("group"), content.get("date", "")
-        known = isinstance(key, str) or (type(key) is int and key >= 0)
-        self._require(known, name, key, "column: a name, or a number from 0")
-        scale, offset = self._scaling(content, name)
-        known = group is None or isinstance(group, str) or type(group) is int
-        self._require(known, name, group, "group: the number or name of a channel group or bus")
-        known = isinstance(date, str) and (not date or (name == "time" and "%" in date))
-        self._require(known, name, date, 'date: a pattern such as "%d/%m/%Y %H:%M:%S.%f", for time only')
-        scaled = not content.keys().isdisjoint(("scale", "offset", "unit"))
-        return LogColumn(key, scale, offset, scaled, group, date, str(content.get("unit", "")))
-
-    def rate(self) -> float | LogColumn:
-        value = self.content["rate"]
-        if isinstance(value, Mapping):
-            return self.column("rate")
-        rate = self._number(value, "rate", "a rate in Hz, or {column: NAME}")
-        self._require(rate > 0.0, "rate", value, "a rate in Hz greater than 0")
-        return rate
-
-    def layout(self) -> dict[str, Any]:
-        """Return the file's format settings, where the mapping has them."""
-        given = {key: self.content[key] for key in LAYOUT if key in self.content}
-        if isinstance(given.get("dbc"), str):
-            given["dbc"] = [given["dbc"]]
-        if isinstance(given.get("names"), list):
-            given["names"] = list(map(str, given["names"]))
-        layout = {key: LAYOUT[key].check(value, f"{self.path}: '{key}'", MappingError) for key, value in given.items()}
-        files = {"dbc": tuple(self.path.parent / name for name in layout["dbc"])} if "dbc" in layout else {}
-        return {**layout, **({"names": tuple(layout["names"])} if "names" in layout else {}), **files}
-
-    def _mapping(self, name: str) -> Mapping[str, Any]:
-        content, keys = self.content[name], (*SOURCES, "scale", "offset", *COLUMN_KEYS)
-        known = isinstance(content, Mapping) and set(content) <= set(keys)
-        self._require(known, name, content, f"a mapping of {', '.join(keys)}")
-        found: Mapping[str, Any] = content
-        return found
-
-    def _scaling(self, content: Mapping[str, Any], name: str) -> tuple[float, float]:
-        if "unit" not in content:
-            scale = self._number(content.get("scale", 1.0), name, "scale: a finite number other than 0")
-            self._require(scale != 0.0, name, 0, "scale: a finite number other than 0")
-            return scale, self._number(content.get("offset", 0.0), name, "offset: a finite number")
-        text, quantities = content["unit"], QUANTITIES.get(name, ())
-        unit = find_unit(text) if isinstance(text, str) else None
-        if unit is None or unit.quantity not in quantities or not content.keys().isdisjoint(("scale", "offset")):
-            raise self._error(name, text, f"unit: of a {' or '.join(quantities)}, without scale and offset")
-        return unit.scale, unit.offset
-
-    def _number(self, value: Any, name: str, expected: str) -> float:
-        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        self._require(number, name, value, expected)
-        return float(value)
-
-    def _require(self, good: bool, name: str, value: object, expected: str) -> None:
-        if not good:
-            raise self._error(name, value, expected)
-
-    def _error(self, name: str, value: object, expected: str) -> MappingError:
-        return MappingError(f"{self.path}: '{name}' is {value!r}; expected {expected}")
+    dbc = content.get("dbc", [])
+    content = {**content, "dbc": [dbc] if isinstance(dbc, str) else dbc}
+    mapping = read_record(DynoMapping, content, str(path), MappingError)
+    return replace(mapping, source=str(path), dbc=tuple(path.parent / name for name in mapping.dbc))

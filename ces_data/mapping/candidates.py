@@ -94,7 +94,7 @@ class _TableColumn:
         if unit is None and len(self.values):
             fits = (text for text, low in EPOCHS.items() if low <= float(self.values[0]) < 1000.0 * low)
             unit = find_unit(next(fits, ""))
-        return LogColumn(self.key, unit.scale, scaled=True, unit=unit.text) if unit else LogColumn(self.key)
+        return LogColumn(self.key, unit=unit.text if unit else "")
 
 
 def find_bag_candidates(paths: Sequence[Path]) -> tuple[tuple[Candidate, ...], dict[str, str]]:
@@ -266,7 +266,7 @@ def _find_calendar(column: _TableColumn) -> LogColumn | None:
         if low <= column.values[0] and column.values[-1] < high:
             step_s = scale * float(np.median(np.diff(column.values)))
             if step_s < MAX_USUAL_STEP_S and not (scale > 1.0 and np.ptp(column.values) > 31.0):
-                return LogColumn(column.key, scale, offset, scaled=True)
+                return LogColumn(column.key, given_scale=scale, given_offset=offset)
     return None
 
 

@@ -7,7 +7,7 @@ that filters the position answers late. `ces_gap.inputs.probes` measures by how 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -16,7 +16,7 @@ from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
 from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import Simulation
-from ces_observer.json_text import JsonObject
+from ces_observer.records import bounded
 
 MAX_LEAD_SAMPLES = 10.0
 MAX_DELAY_S = 0.1
@@ -26,21 +26,11 @@ MAX_DELAY_S = 0.1
 class InputTiming:
     """The lead of the simulation's current, in samples of the position, and its delay of the position [s]."""
 
-    current_lead_samples: float = 0.0
-    position_delay_s: float = 0.0
+    current_lead_samples: float = bounded(-MAX_LEAD_SAMPLES, MAX_LEAD_SAMPLES, default=0.0)
+    position_delay_s: float = bounded(0.0, MAX_DELAY_S, default=0.0)
 
     def __bool__(self) -> bool:
         return self != ON_TIME
-
-    def as_json(self) -> dict[str, float]:
-        """Return the timing as a JSON object."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, node: JsonObject) -> InputTiming:
-        """Read the timing; raises ModelError if a number is missing or out of bounds."""
-        lead = node.number("current_lead_samples", -MAX_LEAD_SAMPLES, MAX_LEAD_SAMPLES)
-        return cls(lead, node.number("position_delay_s", 0.0, MAX_DELAY_S))
 
 
 ON_TIME = InputTiming()

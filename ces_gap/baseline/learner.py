@@ -7,8 +7,8 @@ without physics. Cross-validation over blocks chooses the penalty.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,10 @@ from scipy.linalg import cho_factor, cho_solve, solve_toeplitz
 
 from ces_data.arrays import F, Mask
 from ces_gap.baseline.learner_kernels import fill_features
+from ces_gap.errors import GapError
 from ces_gap.grid import count_through, is_constant
 from ces_gap.trace import Trace, TraceInputs, usable_inputs, usable_values
+from ces_observer.records import part
 
 ORDER = 6
 
@@ -149,15 +151,20 @@ FORCE_KNOTS = np.array([-2.0, -1.2, -0.6, -0.2, 0.2, 0.6, 1.2, 2.0])  # of force
 COARSE_KNOTS = np.array([-3.0, -1.0, 1.0, 3.0])
 
 
+def _pair() -> Any:
+    """Declare a centre and a spread."""
+    return part(kind=float, many=True, min_count=2, max_count=2, make=tuple)
+
+
 @dataclass(frozen=True)
 class Scales:
     """Scales of the features: centres and spreads of the training inputs, SI."""
 
-    position: tuple[float, float]
-    speed: float
-    current: tuple[float, float]
-    force: tuple[float, float]
-    varies: bool  # whether the current varies
+    position: tuple[float, float] = _pair()
+    speed: float = part()
+    current: tuple[float, float] = _pair()
+    force: tuple[float, float] = _pair()
+    varies: bool = part()  # whether the current varies
 
     @classmethod
     def of(cls, traces: Sequence[Trace], forces: Sequence[F]) -> Scales:
@@ -223,38 +230,23 @@ class Dictionary:
         heat = heat / max(float(heat[-1]), 1e-9)
         return np.stack([t, t * t, t * f, heat * f, heat], axis=1)
 
-    @classmethod
-    def from_json(cls, document: dict[str, Any]) -> Dictionary:
-        """Return the dictionary from `asdict`; raises KeyError, TypeError or ValueError if the document is not one."""
-        s = document["scales"]
-        pair = {k: (float(s[k][0]), float(s[k][1])) for k in ("position", "current", "force")}
-        scales = Scales(pair["position"], float(s["speed"]), pair["current"], pair["force"], bool(s["varies"]))
-        return cls(scales, bool(document["by_force"]), bool(document["by_time"]))
-
 
 @dataclass(frozen=True)
 class LearnedCorrection:
     """A correction of the simulated force: weights (q,) of the features of `dictionary`."""
 
-    dictionary: Dictionary
-    weights: F
+    dictionary: Dictionary = part()
+    weights: F = part(kind=float, many=True, make=np.array, text=np.ndarray.tolist)
+
+    def checked(self) -> Self:
+        """Return it; raises GapError unless there is a weight for each feature."""
+        if self.dictionary.by_time or len(self.weights) != self.dictionary.size:
+            raise GapError(f"weights are {len(self.weights)} numbers; expected {self.dictionary.size}")
+        return self
 
     def force(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
         """Return the force [N] (n,) to be added to the simulated one."""
         return self.dictionary.predict(trace, inputs, simulated, self.weights)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the correction as plain values."""
-        return {"dictionary": asdict(self.dictionary), "weights": self.weights.tolist()}
-
-    @classmethod
-    def from_json(cls, document: dict[str, Any]) -> LearnedCorrection:
-        """Return the correction from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
-        dictionary = Dictionary.from_json(document["dictionary"])
-        weights = np.array(document["weights"], dtype=np.float64)
-        if dictionary.by_time or weights.shape != (dictionary.size,) or not np.isfinite(weights).all():
-            raise ValueError(f"weights of shape {weights.shape}; expected {dictionary.size} finite ones")
-        return cls(dictionary, weights)
 
 
 def learn_correction(references: Sequence[Trace]) -> tuple[LearnedCorrection, LearnerResult]:

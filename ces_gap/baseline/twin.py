@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,9 @@ from ces_gap.effects.network import TwinRun
 from ces_gap.grid import thin_out
 from ces_gap.trace import CURRENT_AGE_S, Trace, TraceInputs
 from ces_identify.prepare.series import hold_current
-from ces_observer.json_text import JsonObject
+from ces_observer.errors import ModelError
+from ces_observer.fields import Field
+from ces_observer.records import Record, bounded, part, read_document, write_record
 from ces_observer.structures.hydraulic import Hydraulic
 
 SCHEMA = "ces-twin/1"
@@ -41,10 +44,10 @@ class Twin(TraceSimulator):
     on blocks of the simulated force left out of the fit.
     """
 
-    body: Hydraulic
-    tick_s: float
-    cost_J: float
-    column_s2: float = 0.0
+    body: Hydraulic = part(inline=True)
+    tick_s: float = bounded(1e-6, 1.0)
+    cost_J: float = bounded(0.0, inf)
+    column_s2: float = bounded(0.0, 1.0, default=0.0, optional=True)  # older files have none
 
     def change_error(self, inputs: TraceInputs) -> float:
         """Return the error of a change of force by other `inputs`, relative to the change."""
@@ -73,18 +76,15 @@ class Twin(TraceSimulator):
             "tick_s": self.tick_s,
             "cost_J": self.cost_J,
             "column_s2": self.column_s2,
-            **self.body.to_json(),
+            **write_record(self.body),
         }
 
     @classmethod
-    def from_json(cls, document: Mapping[str, Any]) -> Twin:
-        """Return the twin from `as_json`; raises ValueError or ModelError if the document is not one."""
-        if document.get("schema") != SCHEMA:
-            raise ValueError(f"schema is {document.get('schema')!r}; expected {SCHEMA!r}")
-        root = JsonObject(document, "twin")
-        column_s2 = root.number("column_s2", 0.0, 1.0) if "column_s2" in document else 0.0  # older files have none
-        numbers = root.number("tick_s", 1e-6, 1.0), root.number("cost_J", 0.0), column_s2
-        return cls(Hydraulic.from_json(root, {}), *numbers)
+    def from_json(cls, document: Mapping[str, Any], where: str = "twin") -> Twin:
+        """Return the twin from `as_json`; raises ModelError if the document is not one."""
+        again = "run `ces diagnose` again"
+        twin: Twin = read_document(Field(kind=Record(cls)), document, where, SCHEMA, again, ModelError)
+        return twin
 
 
 @dataclass(frozen=True)

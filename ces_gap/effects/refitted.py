@@ -22,7 +22,8 @@ from ces_gap.effects.network import TwinRun
 from ces_gap.effects.simulation_errors import MAP_SHARE
 from ces_gap.errors import GapError
 from ces_identify.physical.quantities import read_quantities
-from ces_observer.json_text import JsonObject
+from ces_observer.errors import ModelError
+from ces_observer.records import bounded, part, read_record, write_record
 from ces_observer.structures.hydraulic import Hydraulic
 
 FORM = "network"
@@ -33,9 +34,9 @@ MIN_CHANGE = 0.02  # relative, of a quantity that a report names
 class NetworkPart(Effect):
     """Numbers of a network, on the way from those of `before` to those of `after`; dead times count `tick_s`."""
 
-    before: Hydraulic
-    after: Hydraulic
-    tick_s: float
+    before: Hydraulic = part()
+    after: Hydraulic = part()
+    tick_s: float = bounded(1e-6, 1.0)
 
     groups: ClassVar[tuple[str, ...]] = ()  # of a fit's parameters (`ces_identify.physical.layout`)
     numbers: ClassVar[tuple[str, ...]] = ()  # the same in a model file
@@ -56,7 +57,7 @@ class NetworkPart(Effect):
 
     def as_json(self) -> dict[str, Any]:
         """Return both networks as plain values."""
-        return {"tick_s": self.tick_s, "before": self.before.to_json(), "after": self.after.to_json()}
+        return {"tick_s": self.tick_s, "before": write_record(self.before), "after": write_record(self.after)}
 
 
 class Recalibration(NetworkPart):
@@ -110,13 +111,12 @@ class MovingMass(NetworkPart, Inertia):
 PARTS: tuple[type[NetworkPart], ...] = (StoredVolume, ElasticMount, Seals, SlowValve, MagneticLoop, MovingMass)
 
 
-def read_part(name: str, node: JsonObject) -> NetworkPart:
+def read_part(name: str, networks: object) -> NetworkPart:
     """Return the part of a network from `NetworkPart.as_json`; raises GapError or ModelError."""
     kinds: dict[str, type[NetworkPart]] = {kind.name: kind for kind in PARTS} | {Recalibration.name: Recalibration}
     if name not in kinds:
         raise GapError(f"effect '{name}' has no form '{FORM}'; expected one of {', '.join(kinds)}")
-    before, after = (Hydraulic.from_json(node.at(end), {}) for end in ("before", "after"))
-    return kinds[name](before, after, node.number("tick_s", 1e-6, 1.0))
+    return read_record(kinds[name], networks, "networks", ModelError, complete=True)
 
 
 def _at_steps(network: Hydraulic, tick_s: float, step_s: float) -> Hydraulic:

@@ -7,7 +7,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from ces_data.recording import Recording
-from ces_gap.augmented import MAX_BYTES, open_named
+from ces_gap.augmented import MAX_BYTES, NamedSimulation, has_schema, open_named
 from ces_gap.calibrate.calibration import Alternative, Calibration, FittedParameter
 from ces_gap.effects.effect import Setting
 from ces_gap.errors import GapError
@@ -21,19 +21,18 @@ from ces_gap.report.gap_json import (
     PARAMETERS,
     POSITIVE,
     TEXT,
-    WORD,
     by_name,
     format_document,
+    itself,
     many,
     or_null,
-    record,
     to_plain_json,
 )
 from ces_identify.simulations.simulation import Simulation
 from ces_observer import __version__
-from ces_observer.errors import ModelError
-from ces_observer.fields import Schema
-from ces_observer.json_text import JsonObject, parse_json, read_bounded
+from ces_observer.fields import Field, Schema
+from ces_observer.json_text import parse_json, read_bounded
+from ces_observer.records import Of, Record, document_schema, read_document, record_of
 from ces_report.shell import page_template, replace_unencodable
 from ces_report.table import Column, Table
 from ces_report.typesetting import format_number, format_range, join_names, join_with
@@ -161,43 +160,43 @@ def calibration_page(c: Calibration, title: str, facts: Mapping[str, str]) -> st
     return replace_unencodable(page)
 
 
-FITTED = record(value=NUMBER, ci95=INTERVAL, default=NUMBER, determined=FLAG, at_bound=FLAG, matters=FLAG)
-SIMULATION = record(spec=WORD, sha256=or_null(TEXT))
-GAP = record(
-    before_N=(POSITIVE("on held-out recordings, the noise subtracted"), "before_N"),
-    after_N=(POSITIVE, "after_N"),
+FITTED = record_of(value=Field(kind=float), ci95=INTERVAL, default=NUMBER, determined=FLAG, at_bound=FLAG, matters=FLAG)
+GAP = record_of(
+    before_N=POSITIVE.about("on held-out recordings, the noise subtracted"),
+    after_N=POSITIVE,
     noise_floor_N=(POSITIVE, "noise_N"),
 )
-MISSING = record(
-    effect=(WORD, "setting.name"),
+MISSING = record_of(
+    effect=(TEXT, "setting.name"),
     form=(TEXT, "setting.effect.form"),
-    parameters=(PARAMETERS, lambda missing: [(one.name, one) for one in missing.estimates]),
+    parameters=(PARAMETERS, lambda missing: {one.name: one for one in missing.estimates}),
     gap_after_N=POSITIVE,
 )
-CONTENT = record(
-    parameters=(by_name(FITTED), lambda c: [(p.name, p) for p in c.parameters]),
-    moves_with=many(many(WORD, 2))("parameters whose changes look alike on these recordings"),
-    gap=(GAP, lambda c: c),
-    alternatives=(
-        many(WORD)("what would explain the gap as well"),
+CONTENT: Mapping[str, Field | tuple[Field, Of]] = {
+    "parameters": (by_name(FITTED), lambda c: {p.name: p for p in c.parameters}),
+    "moves_with": many(many(TEXT, 2)).about("parameters whose changes look alike on these recordings"),
+    "gap": (GAP, itself),
+    "alternatives": (
+        many(TEXT).about("what would explain the gap as well"),
         lambda c: list(map(describe_alternative, c.alternatives)),
     ),
-    missing=or_null(MISSING)("the effect that explains most beside the parameters; null if none is worthwhile"),
-    sentence=(TEXT, describe),
-    notes=many(TEXT),
-)
+    "missing": or_null(MISSING).about(
+        "the effect that explains most beside the parameters; null if none is worthwhile"
+    ),
+    "sentence": (TEXT, describe),
+    "notes": many(TEXT),
+}
+DOCUMENT = record_of(simulation=Field(kind=Record(NamedSimulation)), **CONTENT, provenance=Field(kind=Mapping))
 
 
 def calibrated_schema() -> Schema:
     """Return the JSON Schema of `calibrated.json`."""
-    head = {"schema": {"const": SCHEMA}, "simulation": SIMULATION.schema}
-    properties = {**head, **CONTENT.schema["properties"], "provenance": {"type": "object"}}
-    return {**CONTENT.schema, "properties": properties, "required": list(properties)}
+    return document_schema(DOCUMENT, SCHEMA)
 
 
 def calibration_content(c: Calibration) -> dict[str, Any]:
     """Return what `calibrated.json` says beside the simulation and the provenance, its numbers as computed."""
-    content: dict[str, Any] = CONTENT.write(c)
+    content: dict[str, Any] = record_of(**CONTENT).write(c)
     return content
 
 
@@ -217,24 +216,16 @@ def calibration_files(
 
 
 def is_calibrated(path: Path) -> bool:
-    """Return whether the file is JSON of a calibrated simulation."""
-    try:
-        document = parse_json(read_bounded(path, MAX_BYTES), str(path))
-    except (OSError, ModelError):
-        return False
-    return isinstance(document, Mapping) and str(document.get("schema", "")).startswith("ces-calibrated/")
+    """Return whether the file is that of a calibrated simulation."""
+    return has_schema(path, "ces-calibrated")
 
 
 def load_calibrated(path: Path, open_simulation: Callable[[str], Simulation]) -> Simulation:
     """Return the simulation that the file names, with its values; `open_simulation` opens it. Raises CesError."""
-    root = JsonObject(parse_json(read_bounded(path, MAX_BYTES), str(path)), str(path))
-    if root.text("schema") != SCHEMA:
-        raise GapError(f"{path}: schema is '{root.text('schema')}'; expected '{SCHEMA}'; run `ces calibrate` again")
-    simulation = open_named(path, root.at("simulation"), open_simulation, "calibrate")
-    fitted = root.at("parameters")
-    values = {name: fitted.at(name).number("value") for name in fitted.value}
-    if unknown := set(values) - {p.name for p in simulation.parameters}:
-        raise GapError(
-            f"{path}: {root.at('simulation').text('spec')} has no parameter {join_with(sorted(unknown))} now"
-        )
-    return simulation.with_values(values)
+    values = parse_json(read_bounded(path, MAX_BYTES), str(path))
+    file = read_document(DOCUMENT, values, str(path), SCHEMA, "run `ces calibrate` again", GapError)
+    simulation = open_named(path, file["simulation"], open_simulation, "calibrate")
+    fitted = {name: one["value"] for name, one in file["parameters"].items()}
+    if unknown := set(fitted) - {p.name for p in simulation.parameters}:
+        raise GapError(f"{path}: {file['simulation'].spec} has no parameter {join_with(sorted(unknown))} now")
+    return simulation.with_values(fitted)

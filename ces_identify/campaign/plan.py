@@ -9,8 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -34,19 +33,21 @@ from ces_identify.options import (
     THREADS,
     TIME,
 )
-from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
+from ces_identify.polynomial.candidates import CandidateRules
+from ces_identify.polynomial.rules_file import built_in_rules, load_rules
 from ces_identify.structures import KITS
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer import __version__
 from ces_observer.errors import CesError
-from ces_observer.fields import Field, Schema, declare, read_record, require_known_keys
+from ces_observer.fields import Field
 from ces_observer.options import Option
+from ces_observer.records import Record, declare, record_of
+from ces_observer.shapes import ByName
 
 BUILT_IN = "built-in"  # candidate rules of the method
 AUTO = "auto"  # a rate chosen from the data
 MAX_CELLS = 100_000
 NOMINAL_HZ = 1000.0  # rate for counting candidates
-_NAME = re.compile(r"[\w.+-]+\Z")
 
 Setting = bool | int | float | str
 Axes = Mapping[str, tuple[Setting, ...]]
@@ -62,7 +63,6 @@ STRUCTURES: Mapping[str, Mapping[str, Option]] = {  # the axes of each structure
     POLYNOMIAL.option: _by_name(replace(TERMS, default=15), METHOD, RULES),
 }
 COMMON = _by_name(replace(RATE, default=AUTO), DELAY, CERTIFICATE, SEED)
-KEYS = ("bags", "validate", "structures", *COMMON, "limits", "split", "signals")
 
 
 class CampaignError(CesError):
@@ -125,84 +125,61 @@ class Campaign:
         return tuple(sorted(cells, key=lambda cell: self.common["seed"].index(cell.settings["seed"])))
 
 
+def axis(option: Option) -> Field:
+    """Return the field of an axis: a value of the option, or a list of different ones; a text may be a number."""
+    also = (AUTO,) if option.kind is float and option.default == AUTO else ()
+    kind = (str, int) if option.check_text else option.kind
+    one = replace(option, default=(option.default,), also=also, kind=kind, key=option.name)
+    return replace(one, many=True, min_count=1, different=True, or_one=True)
+
+
+BAGS = Field(min_count=1, many=True, different=True, or_one=True)
+SETS = Field(
+    kind=ByName(BAGS, pattern=r"[\w.+-]+"), form="sets of recordings by name: {road: [road_1, road_2]}",
+    rules={"minProperties": 1},
+)  # fmt: skip
+AXES = {name: record_of(**{key: axis(one) for key, one in axes.items()}) for name, axes in STRUCTURES.items()}
+FILE = record_of(
+    bags=SETS.about("sets of recordings to identify on; each gives models of its own"),
+    validate=replace(SETS, meaning="recordings to validate every model on", default=None),
+    structures=replace(
+        record_of(**{name: replace(own, default=None, null=None) for name, own in AXES.items()}),
+        form=f"a mapping with any of {', '.join(STRUCTURES)}", rules={"minProperties": 1},
+    ),
+    **{name: axis(option) for name, option in COMMON.items()},
+    limits=Field(default=None, kind=Record(CellLimits)),
+    split=SPLIT,
+    signals=Field(default=None, null=None, meaning="signals file (default: the packaged one)"),
+)  # fmt: skip
+
+
 def load_campaign(path: Path) -> Campaign:
     """Read a campaign file; raises CampaignError, or CesError about a file with candidate rules."""
-    content = read_yaml_mapping(path, "a campaign with bags and structures", KEYS, CampaignError)
-    named = _require_mapping(content.get("structures"), f"{path}: structures", STRUCTURES)
-    structures = {}
-    for name, given in named.items():
-        where = f"{path}: structures: {name}"
-        own = _require_mapping(given, where, STRUCTURES[name]) if given else {}
-        structures[name] = _read_axes(own, f"{where}: ", STRUCTURES[name])
-    common = _read_axes(content, f"{path}: ", COMMON)
-    bags = _read_sets(path, "bags", content.get("bags"))
-    validate = _read_sets(path, "validate", content["validate"]) if "validate" in content else {}
-    count = len(bags) * sum(math.prod(map(len, {**own, **common}.values())) for own in structures.values())
+    content = read_yaml_mapping(path, "a campaign with bags and structures", error=CampaignError)
+    given = FILE.check(content, str(path), CampaignError)
+    for key in ("bags", "validate", "structures"):
+        if content.get(key) in ({}, None) and key in content:
+            raise CampaignError(f"{path}: {key} is {content[key]!r}; expected {FILE.kind.fields[key].expected}")
+    structures = {name: given["structures"][name] or AXES[name].read({}) for name in content["structures"]}
+    sets = {key: _find_bags(path, given[key] or {}) for key in ("bags", "validate")}
+    common = {name: given[name] for name in COMMON}
+    count = len(sets["bags"]) * sum(math.prod(map(len, {**own, **common}.values())) for own in structures.values())
     if count > MAX_CELLS:
         raise CampaignError(f"{path}: {count} cells; at most {MAX_CELLS}: drop some values")
-    split, signals = content.get("split"), content.get("signals")
-    if signals is not None:
-        Field("signals", form="a signals file").check(signals, f"{path}: signals", CampaignError)
     return Campaign(
         source=path,
-        bags=bags,
-        validate=validate,
+        **sets,
         structures=structures,
         common=common,
-        limits=read_record(CellLimits, content.get("limits", {}), f"{path}: limits", CampaignError),
-        split=(1.0 if validate else 0.75) if split is None else SPLIT.check(split, f"{path}: split", CampaignError),
-        signals=_beside(path, signals) if signals else None,
+        limits=given["limits"] or CellLimits(),
+        split=(1.0 if given["validate"] else 0.75) if given["split"] is None else given["split"],
+        signals=_beside(path, given["signals"]) if given["signals"] else None,
         candidates=_load_candidates(path, structures.get(POLYNOMIAL.option, {})),
     )
 
 
-def _require_mapping(value: Any, where: str, keys: Collection[str]) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping) or not value:
-        raise CampaignError(f"{where} is {value!r}; expected a mapping with any of {', '.join(keys)}")
-    require_known_keys(value, keys, where, CampaignError)
-    return value
-
-
-def _read_axes(given: Mapping[str, Any], where: str, axes: Mapping[str, Option]) -> dict[str, tuple[Setting, ...]]:
-    """Return the values on each axis, by default one; a single value needs no brackets."""
-    found = {}
-    for key, axis in axes.items():
-        values = given.get(key, axis.default)
-        values = values if isinstance(values, list) else [values]
-        found[key] = tuple(_require_different(values, f"{where}{key}"))
-        for value in values if key in given else ():
-            check_on_axis(axis, value, f"{where}{key}")
-    return found
-
-
-def check_on_axis(axis: Option, value: Any, where: str) -> None:
-    """Raise CampaignError unless an axis can have the value; a text of an option, such as a size, may be a number."""
-    if not (_may_be_auto(axis) and value == AUTO):
-        axis.check(str(value) if axis.check_text is not None and type(value) is int else value, where, CampaignError)
-
-
-def _read_sets(path: Path, key: str, sets: Any) -> dict[str, tuple[Path, ...]]:
-    """Return sets of bags by name."""
-    if not isinstance(sets, Mapping) or not sets:
-        raise CampaignError(f"{path}: {key} is {sets!r}; expected sets of bags by name: {{road: [road_1, road_2]}}")
-    found = {}
-    for name, given in sets.items():
-        if not _NAME.match(str(name)):
-            raise CampaignError(f"{path}: {key}: name {name!r}; expected letters, digits and any of _ . + -")
-        bags, where = [given] if isinstance(given, str) else given, f"{path}: {key}: {name}"
-        if not isinstance(bags, list) or not all(isinstance(bag, str) and bag for bag in bags):
-            raise CampaignError(f"{where} is {given!r}; expected a list of bags")
-        found[str(name)] = tuple(_beside(path, bag) for bag in _require_different(bags, where))
-    return found
-
-
-def _require_different(values: list[Any], where: str) -> list[Any]:
-    if not values:
-        raise CampaignError(f"{where} is []; expected a value, or a list of values")
-    for i, value in enumerate(values):
-        if value in values[:i]:
-            raise CampaignError(f"{where}: {value!r} is given twice; keep one")
-    return values
+def _find_bags(path: Path, sets: Mapping[str, Sequence[str]]) -> dict[str, tuple[Path, ...]]:
+    return {name: tuple(_beside(path, bag) for bag in bags) for name, bags in sets.items()}
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -222,19 +199,6 @@ def _load_candidates(path: Path, axes: Axes) -> dict[tuple[Any, Any], tuple[Cand
         text = file.read_bytes() if file else built_in_rules(str(method)).encode()
         found[method, name] = rules, hashlib.sha256(text).hexdigest()
     return found
-
-
-def axis_schema(axis: Option) -> Schema:
-    """Return the JSON Schema of an axis: a value, or a list of values without repetition."""
-    one = {"type": ["string", "integer"]} if axis.check_text is not None else axis.bare_schema
-    value = {"anyOf": [{"const": AUTO}, one]} if _may_be_auto(axis) else one
-    several = {"type": "array", "items": value, "minItems": 1, "uniqueItems": True}
-    about = f"{AUTO} or {axis.expected}" if _may_be_auto(axis) else axis.expected
-    return {"anyOf": [value, several], "description": about}
-
-
-def _may_be_auto(axis: Option) -> bool:
-    return axis.kind is float and axis.default == AUTO
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ Fits, batch runs, standard errors, refits and the report know the network only t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -26,7 +26,7 @@ from ces_identify.physical.layout import (
 )
 from ces_identify.training import Training
 from ces_observer.structures.curves import MIN_OPENING, Bypass, FlowMap, IncreasingCurve
-from ces_observer.structures.hydraulic import NEVER_S, NUMBERS, Hydraulic
+from ces_observer.structures.hydraulic import NEVER_S, Hydraulic
 from ces_observer.structures.physical import LONG_TICK, FrictionElement, SideForces, ValvePath
 from ces_observer.structures.structure import OperatingRange
 
@@ -162,7 +162,7 @@ class HydraulicModels:
         edges: dict[str, Any] = {n: FlowMap(flows, tuple(map(as_floats, values[n]))) for n in EDGE_NAMES}
         friction = zip(values["friction"], values["friction_yield"], values["friction_moved"], strict=True)
         path = (number[name] for name in ("delay_ticks", "hysteresis_A", "rise_s", "fall_s"))
-        numbers: dict[str, Any] = {name: number[name] for name in NUMBERS}
+        numbers: dict[str, Any] = {f.name: number[f.name] for f in fields(Hydraulic) if f.name in number}
         opening = as_floats(np.maximum(values["bypass"], MIN_OPENING))
         return Hydraulic(
             kind=self.kind,

@@ -1,56 +1,33 @@
-"""Candidate regressors: a file of rules in (YAML), the terms that the rules make out.
+"""Candidate regressors: rules go in, the terms that they make come out.
 
 The rules say which signals, lags, powers and products may make terms. The candidates are counted before any is built;
-more than the search can hold are refused. candidates.yaml holds the built-in rules, thesis.yaml those of the thesis.
+more than the search can hold are refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, pairwise, product
+from itertools import chain, product
 from math import prod
-from pathlib import Path
-from typing import Any
+from typing import ClassVar, Self
 
-from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
-from ces_identify.numerics.search import GAUSS_NEWTON, THESIS
 from ces_observer.errors import CesError
-from ces_observer.fields import Field, require_known_keys
-from ces_observer.json_text import JsonObject
+from ces_observer.fields import Schema
+from ces_observer.records import bounded, part
 from ces_observer.structures.constructed_inputs import (
-    BASE,
     ConstructedInput,
     Lag,
     TriangularMembership,
-    make_memberships,
-    parse_constructed,
-    require_name,
 )
 from ces_observer.structures.structure import MAX_LAG
-from ces_observer.structures.terms import MAX_FACTORS, MAX_POWER, MAX_TERMS, Factor, Term
+from ces_observer.structures.terms import MAX_POWER, Factor, Term
 
 FORMS = {"signed": True, "magnitude": False}
 MAX_CANDIDATES = 6000
 MAX_CHOICES = 100_000  # combinations of factors that are tried
 MAX_LAG_MS = 200.0
 SIGNALS = ("force", "speed", "current", "position")
-EXPECTED = f"candidate rules: {', '.join(SIGNALS)} and products"
-RULE_LISTS = {  # of a signal's rule, by their keys
-    "lags": Field(meaning="at the model's rate", low=0, high=MAX_LAG, unit="ticks", kind=int, many=True, min_count=1),
-    "lags_ms": Field(
-        meaning="instead of lags", low=0.0, high=MAX_LAG_MS, unit="ms", kind=float, many=True, min_count=1
-    ),
-    "powers": Field(low=0.0, high=MAX_POWER, kind=float, many=True, min_count=1),
-    "forms": Field(choices=tuple(FORMS), many=True, min_count=1),
-}
-LAGS_OF_FORCE = replace(RULE_LISTS["lags"], low=1)
-MEMBERSHIPS = "hats"
-AUTO, FIRST_GUESS_S = "auto", 0.01  # of a lag's time constant
-RULE_KINDS = ("stop", "play", "lag", "frequency", MEMBERSHIPS)
-MAX_MEMBERSHIPS = 20
-MAX_PEAK, MIN_PEAK_DISTANCE = 1e6, 1e-6  # [m, m/s, A, Hz] of memberships
-FREQUENCY = {"time_constant_s": 0.25, "range_Hz": [0.5, 20.0], "floor_m": 1e-4}  # defaults
 
 Constructions = Mapping[str, tuple[ConstructedInput, ...]]  # by their name in rules and products
 
@@ -59,31 +36,47 @@ Constructions = Mapping[str, tuple[ConstructedInput, ...]]  # by their name in r
 class SignalRule:
     """Lags, powers and forms (signed or magnitude) a signal may take in a term.
 
-    Lags are in ticks, or with `in_ms` in milliseconds, to the nearest tick. `again` is the rule of the signal's next
-    factor in a product that names it again; without it, that factor has the same rule and another lag.
+    Lags are in ticks, or else in milliseconds, to the nearest tick. `again` is the rule of the signal's next factor in
+    a product that names it again; without it, that factor has the same rule and another lag.
     """
 
-    lags: tuple[float, ...]
-    powers: tuple[float, ...] = (1.0,)
-    forms: tuple[str, ...] = ("signed",)
-    in_ms: bool = False
-    again: SignalRule | None = None
+    lags: tuple[int, ...] = part(default=(), meaning="at the model's rate", low=0, high=MAX_LAG, unit="ticks")
+    lags_ms: tuple[float, ...] = part(default=(), meaning="instead of lags", low=0.0, high=MAX_LAG_MS, unit="ms")
+    powers: tuple[float, ...] = bounded(0.0, MAX_POWER, default=(1.0,))
+    forms: tuple[str, ...] = part(default=("signed",), choices=tuple(FORMS), min_count=1)
+    again: SignalRule | None = part(default=None, rules={"$ref": "#/definitions/rule"})
+    schema_rules: ClassVar[Schema] = {"oneOf": [{"required": ["lags"]}, {"required": ["lags_ms"]}]}
+
+    def checked(self) -> Self:
+        """Return it without repetitions; raises CesError unless it has lags of one kind."""
+        if bool(self.lags) == bool(self.lags_ms):
+            raise CesError("expected a list of lags, in ticks (lags) or in milliseconds (lags_ms)")
+        return replace(
+            self,
+            lags=tuple(dict.fromkeys(self.lags)),
+            lags_ms=tuple(dict.fromkeys(self.lags_ms)),
+            powers=tuple(dict.fromkeys(self.powers)),
+            forms=tuple(dict.fromkeys(self.forms)),
+        )
 
     def at_rate(self, rate_Hz: float) -> SignalRule:
         """Return the rule with its lags in ticks of that rate, without repetitions."""
+        ticks = (min(MAX_LAG, round(lag * 1e-3 * rate_Hz)) for lag in self.lags_ms)
         again = self.again and self.again.at_rate(rate_Hz)
-        if not self.in_ms:
-            return replace(self, again=again)
-        ticks = (min(MAX_LAG, round(lag * 1e-3 * rate_Hz)) for lag in self.lags)
-        return replace(self, lags=tuple(dict.fromkeys(ticks)), in_ms=False, again=again)
+        return replace(self, lags=self.lags or tuple(dict.fromkeys(ticks)), lags_ms=(), again=again)
+
+    def with_last_lag(self) -> SignalRule:
+        """Return the rule of the magnitude at the last lag alone."""
+        return SignalRule(self.lags[-1:], self.lags_ms[-1:], forms=("magnitude",))
 
     def factors(self, signal: str) -> tuple[Factor, ...]:
         """Return every factor that the rule allows, except |s|^0, which is 1."""
         if signal == "force":
-            return tuple(Factor("force", int(lag)) for lag in self.lags)
+            return tuple(Factor("force", lag) for lag in self.lags)
+        lags = self.lags or [int(lag) for lag in self.lags_ms]
         return tuple(
-            Factor(signal, int(lag), power, FORMS[form])
-            for lag, power, form in product(self.lags, self.powers, self.forms)
+            Factor(signal, lag, power, FORMS[form])
+            for lag, power, form in product(lags, self.powers, self.forms)
             if power > 0.0 or form == "signed"
         )
 
@@ -150,7 +143,7 @@ class CandidateRules:
 
         The initial terms come first. Lags must be in ticks (`at_rate`), else ValueError is raised.
         """
-        if any(rule.in_ms for rule in (*self.signals.values(), *self.beside_force.values())):
+        if any(rule.lags_ms for rule in (*self.signals.values(), *self.beside_force.values())):
             raise ValueError("lags in milliseconds; call at_rate first")
         if self.count() > MAX_CANDIDATES:
             raise CesError(
@@ -210,144 +203,3 @@ def merge_signs(choice: Sequence[Factor]) -> tuple[Factor, ...]:
             merged.remove(sign)
             merged[merged.index(size)] = replace(size, signed=True)
     return tuple(merged)
-
-
-def built_in_rules(method: str = GAUSS_NEWTON) -> str:
-    """Return the text of the built-in rules for a search method, without the line that names their schema."""
-    name = "thesis.yaml" if method == THESIS else "candidates.yaml"
-    return packaged_text("ces_identify.polynomial", name)
-
-
-def load_rules(path: Path | None, method: str = GAUSS_NEWTON) -> CandidateRules:
-    """Read candidate rules, by default the built-in ones of `method`; raises CesError naming file and key."""
-    if path is not None:
-        return parse_rules(read_yaml_mapping(path, EXPECTED), str(path))
-    source = "built-in candidate rules"
-    return parse_rules(parse_yaml_mapping(built_in_rules(method), source, EXPECTED), source)
-
-
-def parse_rules(raw: Mapping[str, Any], source: str) -> CandidateRules:
-    """Return the candidate rules in nested mappings; raises CesError."""
-    block, open_lags = replace_auto(raw.get("constructed", {}))
-    constructed = constructions_from(block, f"{source}: constructed")
-    names = (*SIGNALS, *constructed)
-    require_known_keys(raw, (*names, "constructed", "products", "initial"), source)
-    hats = {name for name, made in constructed.items() if isinstance(made[0], TriangularMembership)}
-    force = raw["force"] if isinstance(raw.get("force"), Mapping) else {}
-    beside = {s: _read_rule(s, force[s], f"{source}: force: {s}", s in hats) for s in names[1:] if s in force}
-    own = {**raw, "force": {key: value for key, value in force.items() if key not in beside}} if force else raw
-    signals = {s: _read_rule(s, own[s], f"{source}: {s}", s in hats) for s in names if s in own}
-    initial = _read_terms(raw["initial"], names, hats, f"{source}: initial") if "initial" in raw else ()
-    products: tuple[tuple[str, ...], ...] = ()
-    if "products" in raw or not initial:
-        products = _read_products(raw.get("products"), signals, {**signals, **beside}, f"{source}: products")
-    return CandidateRules(signals, products, beside, constructed, open_lags, initial)
-
-
-def _read_rule(signal: str, raw: object, where: str, hat: bool = False) -> SignalRule:
-    """Return the rule of a signal; a past force has lags in ticks alone, a membership neither power nor form."""
-    if not isinstance(raw, Mapping):
-        raise CesError(f"{where}: expected lags, powers and forms")
-    force = signal == "force"
-    keys = ("lags", "powers", "forms") if force else ("lags", "lags_ms") if hat else (*RULE_LISTS, "again")
-    require_known_keys(raw, keys, where)
-    if ("lags" in raw) == ("lags_ms" in raw):
-        raise CesError(f"{where}: expected a list of lags, in ticks (lags) or in milliseconds (lags_ms)")
-    found: dict[str, Any] = {"in_ms": "lags_ms" in raw}
-    for key in [key for key in RULE_LISTS if key in raw]:
-        one = LAGS_OF_FORCE if force and key == "lags" else RULE_LISTS[key]
-        values = one.check(raw[key], f"{where}: {key}")
-        found["lags" if key == "lags_ms" else key] = tuple(dict.fromkeys(values))
-    if "again" in raw:
-        found["again"] = _read_rule(signal, raw["again"], f"{where}: again")
-    return SignalRule(**found)
-
-
-def _read_products(
-    raw: object, signals: Mapping[str, SignalRule], beside_force: Mapping[str, SignalRule], where: str
-) -> tuple[tuple[str, ...], ...]:
-    if not isinstance(raw, list) or not raw:
-        raise CesError(f"{where} is {raw!r}; expected a list of lists of signals")
-    for item in raw:
-        if not isinstance(item, list) or not all(isinstance(s, str) and s in signals for s in item):
-            raise CesError(f"{where}: {item!r}; expected signals among {', '.join(signals)}")
-        if item.count("force") > 1 or len(item) > MAX_FACTORS:
-            raise CesError(f"{where}: {item!r}; expected at most {MAX_FACTORS} signals, force once")
-        for signal in dict.fromkeys(item):
-            rule, times = (beside_force if "force" in item else signals)[signal], item.count(signal)
-            while rule.again is not None and times > 1:
-                rule, times = rule.again, times - 1
-            if times > len(rule.lags):
-                raise CesError(
-                    f"{where}: {item!r}: {signal} {item.count(signal)} times, but its rule has {len(rule.lags)} lags; "
-                    "add lags or a rule 'again'"
-                )
-    return tuple(dict.fromkeys(map(tuple, raw)))
-
-
-def _read_terms(raw: object, signals: Sequence[str], hats: Set[str], where: str) -> tuple[tuple[Factor, ...], ...]:
-    """Return the factors of each term, constructed ones without their definition."""
-    if not isinstance(raw, list) or not 1 <= len(raw) <= MAX_TERMS:
-        raise CesError(f"{where}: expected a list of terms, 1 to {MAX_TERMS}, each a list of factors")
-    terms = []
-    for i, item in enumerate(raw):
-        if not isinstance(item, list) or len(item) > MAX_FACTORS:
-            raise CesError(f"{where}[{i}]: {item!r}; expected a list of factors, at most {MAX_FACTORS}")
-        factors = [_read_factor(one, signals, hats, f"{where}[{i}][{j}]") for j, one in enumerate(item)]
-        if sum(f.signal == "force" for f in factors) > 1:
-            raise CesError(f"{where}[{i}]: expected at most one past force, so that bounds can be proved")
-        terms.append(merge_signs(factors))
-    return tuple(dict.fromkeys(terms))
-
-
-def _read_factor(raw: object, signals: Sequence[str], memberships: Set[str], where: str) -> Factor:
-    """Return a factor; a past force and a membership have neither power nor form."""
-    if not isinstance(raw, Mapping):
-        raise CesError(f"{where}: {raw!r}; expected a factor such as {{signal: speed, lag: 3, power: 0.4}}")
-    node = JsonObject({"lag": 0, "power": 1.0, "form": "signed", **raw}, where)
-    signal = node.choice("signal", signals)
-    plain = signal == "force" or signal in memberships
-    require_known_keys(raw, ("signal", "lag") if plain else ("signal", "lag", "power", "form"), where)
-    if signal == "force":
-        return Factor("force", node.integer("lag", 1, MAX_LAG))
-    signed, power = FORMS[node.choice("form", tuple(FORMS))], node.number("power", 0.0, MAX_POWER)
-    if not signed and power == 0.0:
-        raise CesError(f"{where}: a magnitude to the power 0 is 1; leave the factor out")
-    return Factor(signal, node.integer("lag", 0, MAX_LAG), power, signed)
-
-
-def replace_auto(raw: object) -> tuple[object, tuple[str, ...]]:
-    """Return the block `constructed` with a guess for each lag whose time constant is `auto`, and their names."""
-    if not isinstance(raw, Mapping):
-        return raw, ()
-    lags = {str(n): one for n, one in raw.items() if isinstance(one, Mapping) and one.get("kind") == "lag"}
-    auto = tuple(name for name, one in lags.items() if one.get("time_constant_s") == AUTO)
-    return {**raw, **{name: {**lags[name], "time_constant_s": FIRST_GUESS_S} for name in auto}}, auto
-
-
-def constructions_from(
-    raw: object, where: str, known: Constructions | None = None
-) -> dict[str, tuple[ConstructedInput, ...]]:
-    """Check the block `constructed` of a rules file, and return it after those in `known`; raises CesError."""
-    if not isinstance(raw, Mapping):
-        raise CesError(f"{where}: expected names, each with kind and settings")
-    constructed = dict(known or {})
-    for name in sorted(raw, key=lambda key: isinstance(raw[key], Mapping) and raw[key].get("kind") == MEMBERSHIPS):
-        constructed[str(name)] = _construct(str(name), JsonObject(raw[name], f"{where}: {name}"), constructed)
-    names = [one.name for group in constructed.values() for one in group]
-    if len(set(names)) < len(names):
-        raise CesError(f"{where}: hats are named NAME_1, NAME_2 and so on; expected these names to be free")
-    return constructed
-
-
-def _construct(name: str, node: JsonObject, known: Constructions) -> tuple[ConstructedInput, ...]:
-    kind = node.choice("kind", RULE_KINDS)
-    if kind != MEMBERSHIPS:
-        settings = {**(FREQUENCY if kind == "frequency" else {}), **node.value, "name": name}
-        return tuple(parse_constructed([JsonObject(settings, node.where)]).values())
-    smooth = {one.name: one for group in known.values() for one in group if one.kind != "hat"}
-    of, where = node.choice("of", (*BASE, *smooth)), f"{node.where}: at"
-    peaks = Field("at", kind=float, low=-MAX_PEAK, high=MAX_PEAK, many=True).check(node.value.get("at"), where)
-    if not 2 <= len(peaks) <= MAX_MEMBERSHIPS or any(b - a < MIN_PEAK_DISTANCE for a, b in pairwise(peaks)):
-        raise CesError(f"{where} is {peaks}; expected 2 to {MAX_MEMBERSHIPS} ascending peaks of the sub-models")
-    return make_memberships(require_name(name, node.where), of, peaks, smooth.get(of))

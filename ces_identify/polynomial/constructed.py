@@ -17,9 +17,10 @@ import numpy as np
 from ces_data.arrays import F, I
 from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.search import Limits, SearchResult, clock_s
-from ces_identify.polynomial.candidates import FIRST_GUESS_S, CandidateRules, SignalRule, constructions_from
+from ces_identify.polynomial.candidates import CandidateRules, SignalRule
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen, signal_values
+from ces_identify.polynomial.rules_file import FIRST_GUESS_S, constructions_from
 from ces_identify.polynomial.selection import GaussNewtonStart
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
@@ -62,11 +63,10 @@ def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
         raise CesError(f"'{spec}': expected numbers after the colon, with commas between") from None
     blended = [p for p in rules.products if len(set(p) - {"force"}) <= MAX_BLENDED_INPUTS]
     beside = rules.beside_force.get(of, rules.signals.get(of, NO_LAG))  # the lag beside past forces keeps proofs short
-    rule = SignalRule(beside.lags[-1:], (1.0,), ("magnitude",), beside.in_ms)
     raw = {name: {"kind": "hats", "of": of, "at": peaks}}
     return replace(
         rules,
-        signals={**rules.signals, name: rule},
+        signals={**rules.signals, name: beside.with_last_lag()},
         products=(*rules.products, *((name, *p) for p in blended)),
         constructed=constructions_from(raw, "constructed", rules.constructed),
     )

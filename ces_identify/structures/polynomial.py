@@ -16,10 +16,10 @@ from ces_data.arrays import F, I
 from ces_identify.limits import TickLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.search import THESIS, Listener, SearchResult, clock_s
-from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.constructed import add_stroke_if_needed, find_time_constants, restrict_to_data
 from ces_identify.polynomial.free_run_fit import fit_free_run, refit_coefficients
 from ces_identify.polynomial.problem import Problem, assemble_problem, compile_terms, pieces
+from ces_identify.polynomial.rules_file import load_rules
 from ces_identify.polynomial.selection import search
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit

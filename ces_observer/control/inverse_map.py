@@ -12,6 +12,7 @@ from math import copysign, isfinite
 
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Model
+from ces_observer.records import read_record, write_record
 from ces_observer.structures.structure import Predictor
 
 SPEEDS = 24  # of the grid, on each side of zero; denser towards zero, where the force is steep
@@ -192,8 +193,8 @@ def _is_rising(values: Sequence[float]) -> bool:
 class ModelInverse:
     """The inverse map, and the lag of the model's force behind the current [s]."""
 
-    map: InverseMap
     lag_s: float
+    map: InverseMap
 
     @classmethod
     def from_model(cls, model: Model, source: str = "model") -> ModelInverse:
@@ -203,21 +204,17 @@ class ModelInverse:
         """
         if delay_s := model.sampling.delay_s:
             raise ModelError(f"{source}: forces come {delay_s:g} s late; a controller needs a model with --delay 0")
-        return cls(compute_inverse_map(model, source), current_lag_s(model))
+        return cls(current_lag_s(model), compute_inverse_map(model, source))
 
     def to_json(self) -> str:
         """Return it as text, with exact numbers."""
-        return json.dumps({"lag_s": self.lag_s, "map": vars(self.map)})
+        return json.dumps(write_record(self))
 
     @classmethod
     def from_json(cls, text: str) -> ModelInverse:
         """Return the inverse whose text `to_json` returned; raises ModelError for any other text."""
         try:
-            values = json.loads(text)
-            speeds, currents, forces = (values["map"][name] for name in ("speeds_m_s", "currents_A", "forces_N"))
-            table = InverseMap(tuple(speeds), tuple(currents), tuple(map(tuple, forces)))
-            if isfinite(values["lag_s"]):
-                return cls(table, values["lag_s"])
-        except (ValueError, TypeError, KeyError, RecursionError):
-            pass
-        raise ModelError("the inverse of the model cannot be read; expected the text that the model's check writes")
+            return read_record(cls, json.loads(text), "inverse", ModelError)
+        except (ValueError, RecursionError, ModelError):
+            expected = "the text that the model's check writes"
+            raise ModelError(f"the inverse of the model cannot be read; expected {expected}") from None

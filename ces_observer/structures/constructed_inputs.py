@@ -10,19 +10,43 @@ inputs clamped to the model's envelope, so their ranges are certain.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from math import exp
-from typing import Any
+from typing import Any, Self
 
 from ces_observer.errors import ModelError
+from ces_observer.fields import REQUIRED, Field
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, down, up
+from ces_observer.records import bounded, choice, declare, in_files, part
 from ces_observer.structures.structure import Range, Ranges
 from ces_observer.tick import constructed as tick
 
 BASE = ("position", "speed", "current")
+RESERVED = (*BASE, "force", "products", "constructed")
+NAME = re.compile(r"(?!.*_(abs|p\d|lag\d))[a-z][a-z0-9_]{0,39}")
+MAX_CONSTRUCTED = 64
+MIN_WIDTH, MAX_WIDTH = 1e-9, 1e6  # [m, m/s, A]; so that no slope overflows
+HZ = (1e-3, 1e5)
+PEAKS = (-1e6, 1e6)  # [m, m/s, A, Hz]
+
+
+def require_name(name: str) -> None:
+    """Raise ValueError unless `name` can be that of a constructed input."""
+    if name in RESERVED or not NAME.fullmatch(name):
+        raise ValueError(
+            f"name {name[:60]!r}; expected up to 40 lower-case letters, digits and _, not a signal's name, "
+            "and without the suffixes of powers and lags (_abs, _p2, _lag1)"
+        )
+
+
+def _name() -> Any:
+    return declare(Field(check_text=require_name))
+
+
+def _seconds() -> Any:
+    return bounded(1e-4, 1e4, unit="s")
 
 
 class _Definition:
@@ -42,20 +66,15 @@ class _Definition:
         """Return the weight of a new tick in an exponential window of `time_constant_s`."""
         return 1.0 - exp(-1.0 / (self.time_constant_s * rate_Hz))
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the definition as in a model file."""
-        settings = {key: value for key, value in asdict(self).items() if key != "base"}  # type: ignore[call-overload]
-        return {"name": self.name, "kind": self.kind, **settings}
-
 
 @dataclass(frozen=True)
 class Hysteresis(_Definition):
     """The `stop` or `play` of the signal `of` with `half_width` in its unit (m, m/s or A)."""
 
-    name: str
-    kind: str
-    of: str
-    half_width: float
+    name: str = _name()
+    kind: str = choice(REQUIRED, "", ("stop", "play"))
+    of: str = choice(REQUIRED, "", BASE)
+    half_width: float = bounded(MIN_WIDTH, MAX_WIDTH)
 
     def range(self, ranges: Ranges) -> Range:
         """Return its range, given those of the inputs."""
@@ -70,10 +89,10 @@ class Hysteresis(_Definition):
 class Lag(_Definition):
     """The signal `of` behind a first-order lag of `time_constant_s`, from its first value on."""
 
-    name: str
-    of: str
-    time_constant_s: float
-    kind: str = field(default="lag", init=False)
+    name: str = _name()
+    kind: str = field(default="lag", init=False, metadata=in_files(Field(choices=("lag",))))
+    of: str = choice(REQUIRED, "", BASE)
+    time_constant_s: float = _seconds()
 
     def range(self, ranges: Ranges) -> Range:
         """Return its range: that of its signal, widened by rounding errors."""
@@ -93,11 +112,18 @@ class Frequency(_Definition):
     `floor_m` [m] keeps the estimate low near standstill.
     """
 
-    name: str
-    time_constant_s: float
-    range_Hz: Range
-    floor_m: float
-    kind: str = field(default="frequency", init=False)
+    name: str = _name()
+    kind: str = field(default="frequency", init=False, metadata=in_files(Field(choices=("frequency",))))
+    time_constant_s: float = _seconds()
+    range_Hz: Range = bounded(*HZ, unit="Hz")
+    floor_m: float = bounded(MIN_WIDTH, MAX_WIDTH, unit="m")
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError for an empty range."""
+        low, high = self.range_Hz
+        if low == high:
+            raise ModelError(f"range_Hz is [{low:g}, {high:g}]; expected low < high")
+        return self
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -121,13 +147,21 @@ class TriangularMembership(_Definition):
     of `of` if that is a constructed input too.
     """
 
-    name: str
-    of: str
-    low: float | None
-    peak: float
-    high: float | None
-    base: ConstructedInput | None = None
-    kind: str = field(default="hat", init=False)
+    name: str = _name()
+    kind: str = field(default="hat", init=False, metadata=in_files(Field(choices=("hat",))))
+    of: str = part()
+    low: float | None = bounded(*PEAKS)
+    peak: float = bounded(*PEAKS)
+    high: float | None = bounded(*PEAKS)
+    base: ConstructedInput | None = field(default=None, metadata=in_files(None))
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless it rises or falls, or both."""
+        low, peak, high = self.low, self.peak, self.high
+        falls = low is None or low <= peak - MIN_WIDTH
+        if not (falls and (high is None or high >= peak + MIN_WIDTH)) or low is high is None:
+            raise ModelError(f"low {low}, peak {peak:g}, high {high}; expected low < peak < high, one not null")
+        return self
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -205,77 +239,29 @@ def lay_out_constructed(
     for one in constructed:
         numbers = one.numbers(rate_Hz)
         padding = (0.0,) * (tick.CONSTRUCTED_NUMBERS - len(numbers))
-        rows += [KINDS.index(one.kind), places[one.signals[0]], layout.table((*numbers, *padding))]
+        rows += [list(KINDS).index(one.kind), places[one.signals[0]], layout.table((*numbers, *padding))]
     return layout.indices(rows), places
 
 
-RESERVED = (*BASE, "force", "products", "constructed")
-NAME = re.compile(r"(?!.*_(abs|p\d|lag\d))[a-z][a-z0-9_]{0,39}")
-SETTINGS = {
-    "stop": ("of", "half_width"),
-    "play": ("of", "half_width"),
-    "lag": ("of", "time_constant_s"),
-    "frequency": ("time_constant_s", "range_Hz", "floor_m"),
-    "hat": ("of", "low", "peak", "high"),
+KINDS = {  # in the order of their numbers in the tick
+    "stop": Hysteresis,
+    "play": Hysteresis,
+    "lag": Lag,
+    "frequency": Frequency,
+    "hat": TriangularMembership,
 }
-KINDS = tuple(SETTINGS)  # in the order of their numbers in the tick
-MAX_CONSTRUCTED = 64
-MAX_WIDTH = 1e6  # [m, m/s, A]
-MIN_WIDTH = 1e-9  # so that no slope overflows
-MIN_HZ, MAX_HZ = 1e-3, 1e5
 
 
-def parse_constructed(nodes: Iterable[JsonObject]) -> dict[str, ConstructedInput]:
-    """Check the list `constructed` of a model file, and return its inputs by name; raises ModelError."""
+def with_bases(definitions: Iterable[ConstructedInput]) -> dict[str, ConstructedInput]:
+    """Return definitions by name, memberships with those before them that they are of; raises ModelError."""
     known: dict[str, ConstructedInput] = {}
-    for node in nodes:
-        one = _parse_one(node, known)
+    for i, one in enumerate(definitions):
         if one.name in known:
-            raise ModelError(f"{node.where}: name '{one.name}' occurs twice; expected a name for each input")
+            raise ModelError(f"constructed[{i}]: name '{one.name}' occurs twice; expected a name for each input")
         known[one.name] = one
+        if isinstance(one, TriangularMembership) and one.of not in BASE:
+            smooth = {name: base for name, base in known.items() if not isinstance(base, TriangularMembership)}
+            if one.of not in smooth:
+                raise ModelError(f"constructed[{i}]: of is {one.of!r}; expected one of {', '.join((*BASE, *smooth))}")
+            known[one.name] = replace(one, base=smooth[one.of])
     return known
-
-
-def require_name(name: str, where: str) -> str:
-    """Return `name`; raises ModelError if it cannot be the name of a constructed input."""
-    if name in RESERVED or not NAME.fullmatch(name):
-        raise ModelError(
-            f"{where}: name {name[:60]!r}; expected up to 40 lower-case letters, digits and _, not a signal's name, "
-            "and without the suffixes of powers and lags (_abs, _p2, _lag1)"
-        )
-    return name
-
-
-def _parse_one(node: JsonObject, known: Mapping[str, ConstructedInput]) -> ConstructedInput:
-    name, kind = require_name(node.text("name"), node.where), node.choice("kind", KINDS)
-    node.require_only_keys("name", "kind", *SETTINGS[kind])
-    if kind == "frequency":
-        return _parse_frequency(node, name)
-    if kind == "hat":
-        smooth = [one.name for one in known.values() if not isinstance(one, TriangularMembership)]
-        return _parse_membership(node, name, node.choice("of", (*BASE, *smooth)), known)
-    if kind == "lag":
-        return Lag(name, node.choice("of", BASE), node.number("time_constant_s", 1e-4, 1e4))
-    return Hysteresis(name, kind, node.choice("of", BASE), node.number("half_width", MIN_WIDTH, MAX_WIDTH))
-
-
-def _parse_frequency(node: JsonObject, name: str) -> Frequency:
-    low, high = node.range("range_Hz", MAX_HZ)
-    if not MIN_HZ <= low < high:
-        raise ModelError(f"{node.where}: range_Hz is [{low:g}, {high:g}]; expected {MIN_HZ:g} <= low < high")
-    return Frequency(
-        name, node.number("time_constant_s", 1e-4, 1e4), (low, high), node.number("floor_m", MIN_WIDTH, MAX_WIDTH)
-    )
-
-
-def _parse_membership(
-    node: JsonObject, name: str, of: str, known: Mapping[str, ConstructedInput]
-) -> TriangularMembership:
-    low, high = (None if node.value.get(key) is None else node.number(key, -1e6, 1e6) for key in ("low", "high"))
-    peak = node.number("peak", -1e6, 1e6)
-    falls = low is None or low <= peak - MIN_WIDTH
-    if not (falls and (high is None or high >= peak + MIN_WIDTH)) or low is high is None:
-        raise ModelError(
-            f"{node.where}: low {low}, peak {peak:g}, high {high}; expected low < peak < high, one not null"
-        )
-    return TriangularMembership(name, of, low, peak, high, known.get(of))

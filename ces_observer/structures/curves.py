@@ -15,7 +15,8 @@ from math import log
 from typing import Any, Self
 
 from ces_observer.errors import ModelError
-from ces_observer.json_text import JsonObject
+from ces_observer.records import bounded
+from ces_observer.structures.structure import require_length
 from ces_observer.tick.curves import MIN_RISE
 
 MAX_NODES = 64
@@ -24,16 +25,26 @@ MIN_OPENING = 1e-12  # of a bypass
 MIN_SLOPE, MAX_SLOPE = 1e-15, 1e12  # far beyond those of any damper's curve, in any of its units
 
 
+def nodes(key: str, min_count: int = 2, max_count: int = MAX_NODES, low: float = -MAX_VALUE) -> Any:
+    """Declare the coordinates of a curve's nodes, or rows of them."""
+    return bounded(low, MAX_VALUE, key=key, min_count=min_count, max_count=max_count)
+
+
 @dataclass(frozen=True)
 class IncreasingCurve:
-    """A curve through the nodes (at[j], values[j]); both rise strictly."""
+    """A valve's setting, from 0 to 1, over the current [A]: a curve through nodes; both rise strictly."""
 
-    at: tuple[float, ...]
-    values: tuple[float, ...]
+    at: tuple[float, ...] = nodes("current_A")
+    values: tuple[float, ...] = nodes("setting")
 
-    def to_json(self, at: str, values: str) -> dict[str, Any]:
-        """Return the nodes under these keys."""
-        return {at: list(self.at), values: list(self.values)}
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless it rises from 0 to 1."""
+        require_rising("current_A", self.at)
+        require_rising("setting", self.values, len(self.at))
+        check_slopes(self.at, self.values)
+        if self.values[0] != 0.0 or self.values[-1] != 1.0:
+            raise ModelError(f"setting runs from {self.values[0]:g} to {self.values[-1]:g}; expected 0 to 1")
+        return self
 
 
 def interpolate(at: Sequence[float], values: Sequence[float], x: float) -> float:
@@ -42,27 +53,29 @@ def interpolate(at: Sequence[float], values: Sequence[float], x: float) -> float
     return values[j] + (values[j + 1] - values[j]) * ((x - at[j]) / (at[j + 1] - at[j]))
 
 
-def parse_nodes(node: JsonObject, key: str, count: int | None = None, rising: bool = True) -> tuple[float, ...]:
-    """Check a list of numbers in a model file, rising by more than rounding errors if `rising`; raises ModelError."""
-    value = node.value.get(key)
-    found = len(value) if isinstance(value, list) else 0
-    numbers = node.numbers(key, min(max(found, 2), MAX_NODES) if count is None else count, MAX_VALUE)
-    least = MIN_RISE * max(map(abs, numbers))
-    if rising and not all(b - a > least for a, b in pairwise(numbers)):
-        raise ModelError(f"{node.where}: {key} does not rise from number to number; identify the model again")
-    return numbers
+def require_rising(name: str, values: Sequence[float], count: int | None = None) -> None:
+    """Raise ModelError unless `count` numbers rise by more than rounding errors."""
+    if count is not None:
+        require_length(name, values, count)
+    least = MIN_RISE * max(map(abs, values))
+    if not all(b - a > least for a, b in pairwise(values)):
+        raise ModelError(f"{name} does not rise from number to number; identify the model again")
 
 
-def check_slopes(where: str, at: Sequence[float], values: Sequence[float], rising: bool = True) -> None:
-    """Raise ModelError if a curve is too steep or, if `rising`, too flat for a step that loses no digits."""
-    least = MIN_SLOPE if rising else 0.0
+def check_slopes(at: Sequence[float], values: Sequence[float], least: float = MIN_SLOPE) -> None:
+    """Raise ModelError if a curve is too steep, or flatter than `least`, for a step that loses no digits."""
     for (x, y), (x1, y1) in pairwise(zip(at, values, strict=True)):
         slope = (y1 - y) / (x1 - x)
         if not least <= abs(slope) <= MAX_SLOPE:
-            raise ModelError(
-                f"{where}: a slope of {slope:g} from {x:g} on; expected {least:g} to {MAX_SLOPE:g}: identify the model "
-                "again"
-            )
+            expected = f"expected {least:g} to {MAX_SLOPE:g}: identify the model again"
+            raise ModelError(f"a slope of {slope:g} from {x:g} on; {expected}")
+
+
+def check_over_stroke(name: str, position_m: Sequence[float], values: Sequence[float]) -> None:
+    """Raise ModelError unless `values`, which may fall, are a curve over the stroke."""
+    require_rising("position_m", position_m)
+    require_length(name, values, len(position_m))
+    check_slopes(position_m, values, 0.0)
 
 
 MAX_CURVES = 16
@@ -72,48 +85,33 @@ MAX_CURVES = 16
 class FlowMap:
     """Forces [N] over `at` [m/s]: `rows[k]` at the setting k / (rows - 1), each rising strictly; one for all."""
 
-    at: tuple[float, ...]
-    rows: tuple[tuple[float, ...], ...]
+    at: tuple[float, ...] = nodes("flow_m_s")
+    rows: tuple[tuple[float, ...], ...] = nodes("force_N", 1, MAX_CURVES)
 
-    def to_json(self, at: str) -> dict[str, Any]:
-        """Return the contents of the model file; `at` names the abscissa."""
-        return {at: list(self.at), "force_N": [list(row) for row in self.rows]}
-
-    @classmethod
-    def from_json(cls, node: JsonObject, at: str) -> Self:
-        """Check it in a model file; raises ModelError."""
-        node.require_only_keys(at, "force_N")
-        places = parse_nodes(node, at)
-        rows = node.value.get("force_N")
-        if not isinstance(rows, list) or not 1 <= len(rows) <= MAX_CURVES:
-            raise ModelError(f"{node.where}: force_N has no 1 to {MAX_CURVES} lists; expected one for each setting")
-        parsed = [parse_nodes(JsonObject({"force_N": row}, node.where), "force_N", len(places)) for row in rows]
-        for row in parsed:
-            check_slopes(node.where, places, row)
-        return cls(places, tuple(parsed))
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless each curve rises through the origin."""
+        require_rising("flow_m_s", self.at)
+        for row in self.rows:
+            require_rising("force_N", row, len(self.at))
+            check_slopes(self.at, row)
+        if 0.0 not in self.at or any(row[self.at.index(0.0)] != 0.0 for row in self.rows):
+            raise ModelError("no node at flow_m_s 0 with force_N 0 in every list; identify the model again")
+        return self
 
 
 @dataclass(frozen=True)
 class Bypass:
     """A bypass over the stroke [m]: flow [m/s] over the root of the drop [N], geometric between nodes."""
 
-    position_m: tuple[float, ...]
-    values: tuple[float, ...]
+    position_m: tuple[float, ...] = nodes("position_m")
+    values: tuple[float, ...] = nodes("opening", low=MIN_OPENING)
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError if it is no curve over the stroke."""
+        check_over_stroke("opening", self.position_m, self.values)
+        return self
 
     @cached_property
     def logarithms(self) -> tuple[float, ...]:
         """The logarithms of the openings."""
         return tuple(map(log, self.values))
-
-
-def parse_bypass(node: JsonObject) -> Bypass | None:
-    """Check the bypass of a model file, empty if there is none; raises ModelError."""
-    if not node.value:
-        return None
-    node.require_only_keys("position_m", "opening")
-    positions = parse_nodes(node, "position_m")
-    opening = parse_nodes(node, "opening", len(positions), rising=False)
-    check_slopes(node.where, positions, opening, rising=False)
-    if min(opening) < MIN_OPENING:
-        raise ModelError(f"{node.where}: opening has {min(opening):g}; expected numbers from {MIN_OPENING:g} on")
-    return Bypass(positions, opening)

@@ -13,11 +13,11 @@ from typing import Self
 
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
+from ces_observer.records import items, part
 from ces_observer.structures import lagged_signals as lagged
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.structure import OperatingRange, Structure, require_length
 from ces_observer.tick import experts as tick
 from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.model import S_STRUCTURE
@@ -39,42 +39,39 @@ class Expert:
     `past` and `past_bend` are the gains of the last force beside and within the tanh, `room` the size of the tanh.
     """
 
-    gate: tuple[float, ...]
-    linear: tuple[float, ...]
-    bend: tuple[float, ...]
-    past: float
-    past_bend: float
-    room: float
+    gate: tuple[float, ...] = lagged.weight()
+    linear: tuple[float, ...] = lagged.weight()
+    bend: tuple[float, ...] = lagged.weight()
+    past: float = lagged.weight()
+    past_bend: float = lagged.weight()
+    room: float = lagged.spread()
 
 
 @dataclass(frozen=True)
 class Experts(Structure):
     """Gated experts on `inputs` and the past force `past_force`."""
 
-    name, keys, option, rank = "gated_experts", ("experts",), "experts", 4
+    name, section, option, rank = "gated_experts", "experts", "experts", 4
     number, runs = EXPERTS, (lagged_reset, tick.experts_tick)
 
-    inputs: tuple[lagged.Regressor, ...]
-    past_force: lagged.Regressor
-    scale_N: float
-    experts: tuple[Expert, ...]
+    inputs: tuple[lagged.Regressor, ...] = items(1, lagged.MAX_REGRESSORS)
+    past_force: lagged.Regressor = part()
+    scale_N: float = lagged.spread("N")
+    experts: tuple[Expert, ...] = items(1, MAX_EXPERTS)
 
     @property
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.experts)} experts on {len(self.inputs)} inputs"
 
-    @classmethod
-    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
-        """Check the experts of a model file; raises ModelError."""
-        node = root.at("experts")
-        node.require_only_keys("inputs", "past_force", "scale_N", "experts")
-        regressors = tuple(map(lagged.parse_regressor, node.items("inputs", 1, lagged.MAX_REGRESSORS)))
-        past = lagged.parse_regressor(node.at("past_force"))
-        if past.signal != "force" or any(r.signal == "force" for r in regressors):
-            raise ModelError(f"{node.where}: expected a past force as past_force, and none among the inputs")
-        experts = tuple(_parse_expert(item, len(regressors)) for item in node.items("experts", 1, MAX_EXPERTS))
-        return cls(regressors, past, lagged.scale_from(node), experts)
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless its parts fit together."""
+        if self.past_force.signal != "force" or any(r.signal == "force" for r in self.inputs):
+            raise ModelError("expected a past force as past_force, and none among the inputs")
+        for i, expert in enumerate(self.experts):
+            for name in ROWS:
+                require_length(f"experts[{i}]: {name}", getattr(expert, name), len(self.inputs) + 1)
+        return self
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the experts into a layout, for `ces_observer.tick.experts`."""
@@ -99,10 +96,3 @@ class Experts(Structure):
             drive = max(drive, up(up(affine + one.room) + up(abs(one.past) * up(offset))))
         forgets_s = contraction_s(gain, *lagged.longest_lags((*self.inputs, self.past_force)), within.rate_Hz)
         return Contraction(gain, up(drive * self.scale_N), 1, CLAIM, METHOD, forgets_s)
-
-
-def _parse_expert(node: JsonObject, inputs: int) -> Expert:
-    node.require_only_keys(*ROWS, *NUMBERS)
-    gate, linear, bend = (node.numbers(name, inputs + 1, lagged.MAX_NUMBER) for name in ROWS)
-    past, past_bend = (lagged.parse_number(node, name) for name in NUMBERS[:2])
-    return Expert(gate, linear, bend, past, past_bend, node.number("room", lagged.MIN_SPREAD, lagged.MAX_NUMBER))

@@ -18,12 +18,13 @@ from math import prod
 from typing import Self
 
 from ces_observer.errors import ModelError
+from ces_observer.fields import REQUIRED
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
+from ces_observer.records import bounded, choice, items
 from ces_observer.structures import lagged_signals as lagged
-from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure
+from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure, require_length
 from ces_observer.tick import fuzzy as tick
 from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.structure import FUZZY
@@ -43,9 +44,9 @@ METHOD = "convex blend of the rules; interval arithmetic, outward rounding"
 class Bell:
     """A generalised bell 1 / (1 + |(x - centre) / width|^(2 slope)); centre and width in the premise's unit."""
 
-    centre: float
-    width: float
-    slope: float
+    centre: float = lagged.weight()
+    width: float = bounded(MIN_WIDTH, lagged.MAX_NUMBER)
+    slope: float = bounded(0.1, STEEPEST)
 
     def at(self, x: float) -> float:
         """Return the membership of `x`, from 0 to 1."""
@@ -56,31 +57,31 @@ class Bell:
 class Premise:
     """An input `lag` ticks ago on which the rules depend, and its memberships."""
 
-    signal: str
-    lag: int
-    memberships: tuple[Bell, ...]
+    signal: str = choice(REQUIRED, "", INPUTS)
+    lag: int = bounded(0, MAX_LAG)
+    memberships: tuple[Bell, ...] = items(1, MAX_MEMBERSHIPS)
 
 
 @dataclass(frozen=True)
 class Rule:
     """One membership (by index) of each premise, and the affine model that applies there."""
 
-    memberships: tuple[int, ...]
-    constant: float
-    linear: tuple[float, ...]
+    memberships: tuple[int, ...] = bounded(0, MAX_MEMBERSHIPS - 1)
+    constant: float = lagged.weight()
+    linear: tuple[float, ...] = lagged.weight()
 
 
 @dataclass(frozen=True)
 class Fuzzy(Structure):
     """A neuro-fuzzy model; each rule's `linear` has one coefficient for each regressor."""
 
-    name, keys, option, rank = "anfis", ("fuzzy",), "anfis", 2
+    name, section, option, rank = "anfis", "fuzzy", "anfis", 2
     number, runs = FUZZY, (lagged_reset, tick.fuzzy_tick)
 
-    regressors: tuple[lagged.Regressor, ...]
-    scale_N: float
-    premises: tuple[Premise, ...]
-    rules: tuple[Rule, ...]
+    regressors: tuple[lagged.Regressor, ...] = items(1, lagged.MAX_REGRESSORS)
+    scale_N: float = lagged.spread("N")
+    premises: tuple[Premise, ...] = items(1, MAX_PREMISES)
+    rules: tuple[Rule, ...] = items(1, MAX_RULES)
 
     @property
     def size(self) -> str:
@@ -93,20 +94,22 @@ class Fuzzy(Structure):
         smallest = [[min(map(bell.at, at)) for bell in premise.memberships] for premise, at in parts]
         return [prod(smallest[i][m] for i, m in enumerate(rule.memberships)) for rule in self.rules]
 
-    @classmethod
-    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
-        """Check the rules of a model file over its ranges of inputs; raises ModelError."""
-        node = root.at("fuzzy")
-        node.require_only_keys("regressors", "scale_N", "premises", "rules")
-        regressors = lagged.parse_regressors(node)
-        premises = tuple(map(_parse_premise, node.items("premises", 1, MAX_PREMISES)))
-        rules = tuple(_parse_rule(item, premises, len(regressors)) for item in node.items("rules", 1, MAX_RULES))
-        fuzzy = cls(regressors, lagged.scale_from(node), premises, rules)
-        if min_firing(fuzzy, inputs) < MIN_FIRING:
-            raise ModelError(
-                f"{node.where}: rules: no rule applies in a part of the input envelope; expected wider memberships"
-            )
-        return fuzzy
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless each rule has a membership of each premise and all coefficients."""
+        for i, rule in enumerate(self.rules):
+            require_length(f"rules[{i}]: linear", rule.linear, len(self.regressors))
+            require_length(f"rules[{i}]: memberships", rule.memberships, len(self.premises))
+            for index, premise in zip(rule.memberships, self.premises, strict=True):
+                if index >= (count := len(premise.memberships)):
+                    expected = f"expected a whole number from 0 to {count - 1}"
+                    raise ModelError(f"rules[{i}]: membership {index} of {premise.signal}; {expected}")
+        return self
+
+    def check_over(self, inputs: Ranges) -> None:
+        """Raise ModelError if no rule applies in a part of the ranges."""
+        if min_firing(self, inputs) < MIN_FIRING:
+            text = "no rule applies in a part of the input envelope; expected wider memberships"
+            raise ModelError(f"{self.section}: rules: {text}")
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the rules into a layout, for `ces_observer.tick.fuzzy`; the bells of all premises are in one row."""
@@ -148,26 +151,3 @@ class Fuzzy(Structure):
 def min_firing(fuzzy: Fuzzy, inputs: Ranges) -> float:
     """Return a lower bound on the firing of all rules together; a bell is smallest at an end of its range."""
     return max(fuzzy.firings([inputs[premise.signal] for premise in fuzzy.premises]))
-
-
-def _parse_premise(node: JsonObject) -> Premise:
-    node.require_only_keys("signal", "lag", "memberships")
-    bells = []
-    for item in node.items("memberships", 1, MAX_MEMBERSHIPS):
-        item.require_only_keys("centre", "width", "slope")
-        width = item.number("width", MIN_WIDTH, lagged.MAX_NUMBER)
-        bells.append(Bell(lagged.parse_number(item, "centre"), width, item.number("slope", 0.1, STEEPEST)))
-    return Premise(node.choice("signal", INPUTS), node.integer("lag", 0, MAX_LAG), tuple(bells))
-
-
-def _parse_rule(node: JsonObject, premises: Sequence[Premise], regressors: int) -> Rule:
-    node.require_only_keys("memberships", "constant", "linear")
-    chosen = node.numbers("memberships", len(premises), MAX_MEMBERSHIPS)
-    for index, premise in zip(chosen, premises, strict=True):
-        if index not in range(len(premise.memberships)):
-            raise ModelError(
-                f"{node.where}: membership {index:g} of {premise.signal}; expected a whole number from 0 to "
-                f"{len(premise.memberships) - 1}"
-            )
-    linear = node.numbers("linear", regressors, lagged.MAX_NUMBER)
-    return Rule(tuple(int(index) for index in chosen), lagged.parse_number(node, "constant"), linear)

@@ -22,14 +22,15 @@ from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from math import exp, inf
 from sys import float_info
-from typing import Any, Self
+from typing import Self
 
 from ces_observer.errors import ModelError
+from ces_observer.fields import REQUIRED
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import ENERGY_CLAIM, EnergyCertificate
+from ces_observer.records import bounded, choice, part
 from ces_observer.structures import physical
-from ces_observer.structures.curves import MAX_VALUE, Bypass, FlowMap, parse_bypass
+from ces_observer.structures.curves import MAX_VALUE, Bypass, FlowMap
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.tick import edges, mount, pressures
 from ces_observer.tick import hydraulic as tick
@@ -59,65 +60,51 @@ def oil_pieces(reservoir_N: float, air: float) -> list[OilPiece]:
 
 METHOD = "every flow and volume rises with its pressure: one solution a step, passive; pressures and force are held"
 EDGES = ("piston", "base", "external")
-NUMBERS = {  # of a model file, with their limits
-    "area_ratio": (0.0, 100.0),
-    "compression_m_N": (1e-12, 1.0),
-    "rebound_m_N": (1e-12, 1.0),
-    "compression_growth_1_m": (-1e3, 1e3),
-    "rebound_growth_1_m": (-1e3, 1e3),
-    "mount_m_N": (0.0, 1.0),
-    "creep_m_Ns": (0.0, 1.0),
-    "fade_1_W": (-1.0, 1.0),
-    "reservoir_N": (1e-3, MAX_VALUE),
-    "air": (0.0, 1e6),
-    "most_N": (1.0, MAX_VALUE),
-    "bypass_laminar_N": (1e-6, MAX_VALUE),
-    "laminar_N": (1e-6, MAX_VALUE),
-    "piston_s": (0.0, 1.0),
-    "base_s": (0.0, 1.0),
-    "external_s": (0.0, 1.0),
-    "friction_growth_1_N": (0.0, MAX_VALUE),
-    "relax_s": (1e-3, NEVER_S),
-    "leak_s": (1e-3, NEVER_S),
-}
+FORGETS = "without it the model never forgets: identify it again"
 
 
 @dataclass(frozen=True)
 class Hydraulic(Structure):
     """A hydraulic network; compliances [m/N] of both chambers, flows as speeds [m/s]; `kind` is one of KINDS."""
 
-    name, keys, option, rank = "hydraulic", ("hydraulic",), "hydraulic", 3
+    name, section, option, rank = "hydraulic", "hydraulic", "hydraulic", 3
     number, runs = HYDRAULIC, (tick.hydraulic_reset, tick.hydraulic_tick)
     forgets_by_proof = False
     extrapolates, unproved = True, "its force is not proved to be bounded for every input"
 
-    kind: str
-    valve: physical.ValvePath
-    area_ratio: float
-    compression_m_N: float
-    rebound_m_N: float
-    compression_growth_1_m: float
-    rebound_growth_1_m: float
-    mount_m_N: float
-    creep_m_Ns: float
-    fade_1_W: float
-    reservoir_N: float
-    air: float
-    most_N: float
-    piston: FlowMap
-    base: FlowMap
-    external: FlowMap
-    bypass: Bypass | None
-    bypass_laminar_N: float
-    laminar_N: float
-    piston_s: float
-    base_s: float
-    external_s: float
-    friction_growth_1_N: float
-    relax_s: float
-    leak_s: float
-    side: physical.SideForces
-    reach: float
+    kind: str = choice(REQUIRED, "", KINDS)
+    valve: physical.ValvePath = part()
+    area_ratio: float = bounded(0.0, 100.0)
+    compression_m_N: float = bounded(1e-12, 1.0)
+    rebound_m_N: float = bounded(1e-12, 1.0)
+    compression_growth_1_m: float = bounded(-1e3, 1e3)
+    rebound_growth_1_m: float = bounded(-1e3, 1e3)
+    mount_m_N: float = bounded(0.0, 1.0)
+    creep_m_Ns: float = bounded(0.0, 1.0)
+    fade_1_W: float = bounded(-1.0, 1.0)
+    reservoir_N: float = bounded(1e-3, MAX_VALUE)
+    air: float = bounded(0.0, 1e6)
+    most_N: float = bounded(1.0, MAX_VALUE)
+    bypass_laminar_N: float = bounded(1e-6, MAX_VALUE)
+    laminar_N: float = bounded(1e-6, MAX_VALUE)
+    piston_s: float = bounded(0.0, 1.0)
+    base_s: float = bounded(0.0, 1.0)
+    external_s: float = bounded(0.0, 1.0)
+    friction_growth_1_N: float = bounded(0.0, MAX_VALUE)
+    relax_s: float = bounded(1e-3, NEVER_S, remedy=FORGETS)
+    leak_s: float = bounded(1e-3, NEVER_S, remedy=FORGETS)
+    piston: FlowMap = part()
+    base: FlowMap = part()
+    external: FlowMap = part()
+    bypass: Bypass | None = part(null={})
+    side: physical.SideForces = part()
+    reach: float = bounded(1.0, physical.MAX_REACH)
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless all edges have the same flows."""
+        if len({getattr(self, edge).at for edge in EDGES}) > 1:
+            raise ModelError("the edges have different flow_m_s; expected the same for all")
+        return self
 
     @property
     def outside(self) -> str:
@@ -130,43 +117,6 @@ class Hydraulic(Structure):
         counts = {edge: len(getattr(self, edge).rows) for edge in EDGES}
         curves = " and ".join(f"{count} curves of the {edge} valve" for edge, count in counts.items() if count > 1)
         return f"{self.kind}, {curves or 'no valve that the current moves'}{', bypass' if self.bypass else ''}"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file."""
-        bypass = {} if self.bypass is None else {"position_m": self.bypass.position_m, "opening": self.bypass.values}
-        numbers = {
-            "kind": self.kind,
-            "valve": self.valve.to_json(),
-            **{name: getattr(self, name) for name in NUMBERS},
-            **{edge: getattr(self, edge).to_json("flow_m_s") for edge in EDGES},
-            "bypass": {name: list(values) for name, values in bypass.items()},
-            "side": self.side.to_json(),
-            "reach": self.reach,
-        }
-        return {"hydraulic": numbers}
-
-    @classmethod
-    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
-        """Check the network of a model file; raises ModelError."""
-        node = root.at("hydraulic")
-        for name in {"relax_s", "leak_s"} - set(node.value):
-            raise ModelError(f"{node.where}: '{name}' is missing: the model never forgets; identify it again")
-        node.require_only_keys("kind", "valve", *NUMBERS, *EDGES, "bypass", "side", "reach")
-        if node.value.get("kind") not in KINDS:
-            raise ModelError(f"{node.where}: kind is {node.value.get('kind')!r}; expected one of {', '.join(KINDS)}")
-        edges: dict[str, Any] = {edge: _parse_edge(node.at(edge)) for edge in EDGES}
-        numbers: dict[str, Any] = {name: node.number(name, *limits) for name, limits in NUMBERS.items()}
-        if len({one.at for one in edges.values()}) > 1:
-            raise ModelError(f"{node.where}: the edges have different flow_m_s; expected the same for all")
-        return cls(
-            kind=str(node.value["kind"]),
-            valve=physical.ValvePath.from_json(node.at("valve")),
-            **numbers,
-            **edges,
-            bypass=parse_bypass(node.at("bypass")),
-            side=physical.SideForces.from_json(node.at("side")),
-            reach=node.number("reach", 1.0, physical.MAX_REACH),
-        )
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write its numbers into a layout."""
@@ -267,11 +217,3 @@ class Hydraulic(Structure):
 def _as_number(end: float) -> float:
     """Return the end of a range, the largest number instead of infinity."""
     return min(max(end, -float_info.max), float_info.max)
-
-
-def _parse_edge(node: JsonObject) -> FlowMap:
-    """Check an edge's map; raises ModelError if a curve does not pass through the origin."""
-    flow = FlowMap.from_json(node, "flow_m_s")
-    if 0.0 not in flow.at or any(row[flow.at.index(0.0)] != 0.0 for row in flow.rows):
-        raise ModelError(f"{node.where}: no node at flow_m_s 0 with force_N 0 in every list; identify the model again")
-    return flow

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
 
+from ces_observer.errors import ModelError
+from ces_observer.fields import REQUIRED
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, add, down, product, up
+from ces_observer.records import bounded, choice
 from ces_observer.structures.structure import MAX_LAG, Ranges
 from ces_observer.tick import lagged as tick
 
@@ -19,6 +21,16 @@ MAX_NUMBER = 1e9  # weights and means: far beyond any fit, far below overflow
 MIN_SPREAD = 1e-9
 
 
+def weight() -> Any:
+    """Declare a weight, a list of weights, or a mean."""
+    return bounded(-MAX_NUMBER, MAX_NUMBER)
+
+
+def spread(unit: str = "") -> Any:
+    """Declare a scale above zero."""
+    return bounded(MIN_SPREAD, MAX_NUMBER, unit=unit)
+
+
 @dataclass(frozen=True)
 class Regressor:
     """A signal `lag` ticks ago as (value - mean) / spread; mean and spread in the signal's unit (m, m/s, A, N).
@@ -26,14 +38,16 @@ class Regressor:
     A `force` is the model's own past output (lag >= 1).
     """
 
-    signal: str
-    lag: int
-    mean: float
-    spread: float
+    signal: str = choice(REQUIRED, "", SIGNALS)
+    lag: int = bounded(0, MAX_LAG)
+    mean: float = weight()
+    spread: float = spread()
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file."""
-        return asdict(self)
+    def checked(self) -> Self:
+        """Return it; raises ModelError for a force of the same tick."""
+        if self.signal == "force" and self.lag == 0:
+            raise ModelError(f"lag is 0; expected a whole number from 1 to {MAX_LAG} of a force")
+        return self
 
     def interval(self, inputs: Ranges) -> Interval:
         """Return an interval that holds it for all inputs in their ranges, and past forces of zero."""
@@ -52,33 +66,6 @@ class Lagged(Protocol):
     @property
     def lag(self) -> int:
         """Its lag in ticks."""
-
-
-def parse_regressor(node: JsonObject) -> Regressor:
-    """Check one regressor of a model file; raises ModelError."""
-    node.require_only_keys("signal", "lag", "mean", "spread")
-    signal = node.choice("signal", SIGNALS)
-    return Regressor(
-        signal,
-        node.integer("lag", 1 if signal == "force" else 0, MAX_LAG),
-        node.number("mean", -MAX_NUMBER, MAX_NUMBER),
-        node.number("spread", MIN_SPREAD, MAX_NUMBER),
-    )
-
-
-def parse_regressors(node: JsonObject) -> tuple[Regressor, ...]:
-    """Check the list `regressors` of a model file; raises ModelError."""
-    return tuple(parse_regressor(item) for item in node.items("regressors", 1, MAX_REGRESSORS))
-
-
-def parse_number(node: JsonObject, key: str) -> float:
-    """Return a weight from a model file; raises ModelError."""
-    return node.number(key, -MAX_NUMBER, MAX_NUMBER)
-
-
-def scale_from(node: JsonObject) -> float:
-    """Return the scale of the output [N]; raises ModelError."""
-    return node.number("scale_N", MIN_SPREAD, MAX_NUMBER)
 
 
 def affine(constant: float, slopes: Sequence[float], at: Sequence[Interval]) -> Interval:

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import fsum
-from typing import Any, Self
+from typing import Self
 
 from ces_observer import structures
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Certificate
 from ces_observer.proof.intervals import up
+from ces_observer.records import OneOf, bounded, items, part
 from ces_observer.structures.structure import MAX_FORCE_N, OperatingRange, Range, Ranges, Structure
 from ces_observer.tick import mixture as tick
 from ces_observer.tick.model import K_STRUCTURE, P_STRUCTURE, S_STRUCTURE
@@ -29,31 +29,21 @@ CLAIM = "a convex combination of models, each proved stable; |F| <= force_bound_
 METHOD = "weights above 0 that sum to 1; for the members"
 
 
+def _members() -> dict[str, type[Structure]]:
+    return {name: one for name, one in structures.STRUCTURES.items() if name != Mixture.name}
+
+
 @dataclass(frozen=True)
 class WeightedModel:
     """A model in the mean: its weight, its structure, and the range [N] in which its own force is held."""
 
-    weight: float
-    body: Structure
-    force_envelope_N: Range
+    weight: float = bounded(MIN_WEIGHT, 1.0)
+    body: Structure = part(kind=OneOf(_members, "structure"), inline=True)
+    force_envelope_N: Range = bounded(-MAX_FORCE_N, MAX_FORCE_N)
 
     def within(self, whole: OperatingRange) -> OperatingRange:
         """Return the operating range of the member in a mixture with that of the whole."""
         return replace(whole, force_N=self.force_envelope_N)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return its object in the model file."""
-        named = {"weight": self.weight, "structure": self.body.name, **self.body.to_json()}
-        return {**named, "force_envelope_N": self.force_envelope_N}
-
-    @classmethod
-    def from_json(cls, node: JsonObject, inputs: Ranges) -> Self:
-        """Check it in a model file; raises ModelError."""
-        names = [name for name in structures.STRUCTURES if name != Mixture.name]
-        structure = structures.STRUCTURES[node.choice("structure", names)]
-        node.require_only_keys("weight", "structure", *structure.keys, "force_envelope_N")
-        weight, force_N = node.number("weight", MIN_WEIGHT, 1.0), node.range("force_envelope_N", MAX_FORCE_N)
-        return cls(weight, structure.from_json(node, inputs), force_N)
 
 
 @dataclass(frozen=True)
@@ -104,11 +94,23 @@ class MixtureCertificate(Certificate):
 class Mixture(Structure):
     """The weighted mean of its members."""
 
-    name, keys, option, rank, is_offered = "mixture", ("mixture",), "mixture", 90, False
+    name, section, option, rank, is_offered = "mixture", "mixture", "mixture", 90, False
     number, runs = MIXTURE, (tick.mixture_reset, tick.mixture_tick)
     unproved = "one of the models in its mean is not proved stable"
 
-    members: tuple[WeightedModel, ...]
+    members: tuple[WeightedModel, ...] = items(MIN_MEMBERS, tick.MAX_MEMBERS)
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless the weights sum to one."""
+        total = fsum(member.weight for member in self.members)
+        if abs(total - 1.0) > ROUNDING:
+            raise ModelError(f"the weights of the members sum to {total:.12g}; expected 1")
+        return self
+
+    def check_over(self, inputs: Ranges) -> None:
+        """Raise ModelError if a member does not fit the ranges of inputs."""
+        for member in self.members:
+            member.body.check_over(inputs)
 
     @property
     def size(self) -> str:
@@ -149,22 +151,6 @@ class Mixture(Structure):
             low, high = member.force_envelope_N
             total += member.weight * min(max(force, low), high)
         return total
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file."""
-        return {"mixture": {"members": [member.to_json() for member in self.members]}}
-
-    @classmethod
-    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
-        """Check the members of a model file; raises ModelError."""
-        node = root.at("mixture")
-        node.require_only_keys("members")
-        items = node.items("members", MIN_MEMBERS, tick.MAX_MEMBERS)
-        members = tuple(WeightedModel.from_json(item, inputs) for item in items)
-        total = fsum(member.weight for member in members)
-        if abs(total - 1.0) > ROUNDING:
-            raise ModelError(f"{node.where}: the weights of the members sum to {total:.12g}; expected 1")
-        return cls(members)
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the members into a layout, the arrays of one behind those of the other."""

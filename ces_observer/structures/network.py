@@ -14,11 +14,11 @@ from math import exp
 from typing import Self
 
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import Interval, add, largest, product, up
+from ces_observer.records import items
 from ces_observer.structures import lagged_signals as lagged
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure, require_length
 from ces_observer.tick import sigmoid as tick
 from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.model import S_STRUCTURE
@@ -38,42 +38,37 @@ ROUNDING = 1e-15  # relative error of exp, an addition and a division, with a ma
 class SigmoidUnit:
     """One sigmoid: its weight in the output, its bias, and its slope along each regressor."""
 
-    weight: float
-    bias: float
-    slopes: tuple[float, ...]
+    weight: float = lagged.weight()
+    bias: float = lagged.weight()
+    slopes: tuple[float, ...] = lagged.weight()
 
 
 @dataclass(frozen=True)
 class Network(Structure):
     """A sigmoid network; `linear` and each unit's slopes have one coefficient for each regressor."""
 
-    name, keys, option, rank = "sigmoid_narx", ("network",), "sigmoid", 1
+    name, section, option, rank = "sigmoid_narx", "network", "sigmoid", 1
     number, runs = SIGMOID, (lagged_reset, tick.sigmoid_tick)
 
-    regressors: tuple[lagged.Regressor, ...]
-    scale_N: float
-    constant: float
-    linear: tuple[float, ...]
-    units: tuple[SigmoidUnit, ...]
+    regressors: tuple[lagged.Regressor, ...] = items(1, lagged.MAX_REGRESSORS)
+    scale_N: float = lagged.spread("N")
+    constant: float = lagged.weight()
+    linear: tuple[float, ...] = lagged.weight()
+    units: tuple[SigmoidUnit, ...] = items(0, MAX_UNITS)
 
     @property
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.units)} sigmoid units on {len(self.regressors)} regressors"
 
-    @classmethod
-    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
-        """Check the network of a model file; raises ModelError."""
-        node = root.at("network")
-        node.require_only_keys("regressors", "scale_N", "constant", "linear", "units")
-        regressors = lagged.parse_regressors(node)
-        return cls(
-            regressors,
-            lagged.scale_from(node),
-            lagged.parse_number(node, "constant"),
-            node.numbers("linear", len(regressors), lagged.MAX_NUMBER),
-            tuple(_parse_unit(item, len(regressors)) for item in node.items("units", 0, MAX_UNITS)),
-        )
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless there is a coefficient for each regressor."""
+        for where, numbers in (
+            ("linear", self.linear),
+            *((f"units[{i}]: slopes", u.slopes) for i, u in enumerate(self.units)),
+        ):
+            require_length(where, numbers, len(self.regressors))
+        return self
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.sigmoid`."""
@@ -113,12 +108,6 @@ class Network(Structure):
             risen = sigmoid(low) * (1.0 - ROUNDING), min(1.0, sigmoid(high) * (1.0 + ROUNDING))
             total = add(total, product((unit.weight, unit.weight), risen))
         return total
-
-
-def _parse_unit(node: JsonObject, regressors: int) -> SigmoidUnit:
-    node.require_only_keys("weight", "bias", "slopes")
-    slopes = node.numbers("slopes", regressors, lagged.MAX_NUMBER)
-    return SigmoidUnit(lagged.parse_number(node, "weight"), lagged.parse_number(node, "bias"), slopes)
 
 
 def sigmoid(x: float) -> float:

@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Any, Self
+from typing import Self
 
-from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import up
-from ces_observer.structures.curves import MAX_VALUE, IncreasingCurve, check_slopes, interpolate, parse_nodes
+from ces_observer.records import bounded, items, part
+from ces_observer.structures.curves import MAX_VALUE, IncreasingCurve, check_over_stroke, interpolate, nodes
 from ces_observer.structures.structure import INPUTS, MAX_LAG, OperatingRange, Range, Ranges
 from ces_observer.tick import hydraulic as tick
 from ces_observer.tick import valve
@@ -43,32 +42,21 @@ def _about_middle(one: Range, reach: float) -> Range:
 
 PLAYS = (1.0 / 3.0, 1.0, 5.0 / 3.0)  # half widths relative to their mean
 MAX_LAG_S = 1.0
-VALVE_KEYS = ("current_A", "setting", "delay_ticks", "hysteresis_A", "rise_s", "fall_s")
 
 
 @dataclass(frozen=True)
 class ValvePath:
     """The valve's characteristic (setting over current [A], from 0 to 1) and its dynamics."""
 
-    characteristic: IncreasingCurve
-    delay_ticks: float
-    hysteresis_A: float
-    rise_s: float
-    fall_s: float
+    characteristic: IncreasingCurve = part(inline=True)
+    delay_ticks: float = bounded(0.0, MAX_LAG - 1)
+    hysteresis_A: float = bounded(0.0, 1e3)
+    rise_s: float = bounded(0.0, MAX_LAG_S)
+    fall_s: float = bounded(0.0, MAX_LAG_S)
 
     def steady(self, current_A: float) -> float:
         """Return the setting at a constant current [A], in the middle of the magnetic loop."""
         return min(max(interpolate(self.characteristic.at, self.characteristic.values, current_A), 0.0), 1.0)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file."""
-        return {
-            **self.characteristic.to_json("current_A", "setting"),
-            "delay_ticks": self.delay_ticks,
-            "hysteresis_A": self.hysteresis_A,
-            "rise_s": self.rise_s,
-            "fall_s": self.fall_s,
-        }
 
     def fill(self, layout: Layout, interval_s: float) -> None:
         """Write its numbers for `ces_observer.tick.valve`, at ticks of `interval_s`."""
@@ -83,49 +71,36 @@ class ValvePath:
         layout.n[valve.VALVE_SETTINGS] = layout.table(self.characteristic.values)
         layout.n[valve.VALVE_RING] = layout.state(whole + 2)
 
-    @classmethod
-    def from_json(cls, node: JsonObject) -> Self:
-        """Check it in a model file; raises ModelError."""
-        node.require_only_keys(*VALVE_KEYS)
-        currents = parse_nodes(node, "current_A")
-        settings = parse_nodes(node, "setting", len(currents))
-        check_slopes(node.where, currents, settings)
-        if settings[0] != 0.0 or settings[-1] != 1.0:
-            raise ModelError(f"{node.where}: setting runs from {settings[0]:g} to {settings[-1]:g}; expected 0 to 1")
-        return cls(
-            IncreasingCurve(currents, settings),
-            node.number("delay_ticks", 0.0, MAX_LAG - 1),
-            node.number("hysteresis_A", 0.0, 1e3),
-            node.number("rise_s", 0.0, MAX_LAG_S),
-            node.number("fall_s", 0.0, MAX_LAG_S),
-        )
-
 
 MAX_FRICTION = 8
 MAX_LEAD_S = 0.1
-SIDE_KEYS = ("lead_s", "max_acceleration_m_s2", "viscous_Ns_m", "mass_kg", "position_m", "gas_N", "friction")
 
 
 @dataclass(frozen=True)
 class FrictionElement:
     """A spring whose force is limited: stiffness [N/m], yield force [N], and how much the valve's setting adds [N]."""
 
-    stiffness_N_m: float
-    yield_N: float
-    moved_N: float = 0.0
+    stiffness_N_m: float = bounded(1e-9, 1e12)
+    yield_N: float = bounded(0.0, MAX_VALUE)
+    moved_N: float = bounded(0.0, MAX_VALUE, default=0.0)
 
 
 @dataclass(frozen=True)
 class SideForces:
     """The drive's lead and the forces beside the oil's; `gas_N` is the force over `position_m`, straight beyond."""
 
-    lead_s: float
-    max_acceleration_m_s2: float
-    viscous_Ns_m: float
-    mass_kg: float
-    position_m: tuple[float, ...]
-    gas_N: tuple[float, ...]
-    friction: tuple[FrictionElement, ...]
+    lead_s: float = bounded(-MAX_LEAD_S, MAX_LEAD_S)
+    max_acceleration_m_s2: float = bounded(0.0, MAX_VALUE)
+    viscous_Ns_m: float = bounded(0.0, MAX_VALUE)
+    mass_kg: float = bounded(0.0, MAX_VALUE)
+    position_m: tuple[float, ...] = nodes("position_m")
+    gas_N: tuple[float, ...] = nodes("gas_N")
+    friction: tuple[FrictionElement, ...] = items(0, MAX_FRICTION)
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError if the gas force is no curve over the stroke."""
+        check_over_stroke("gas_N", self.position_m, self.gas_N)
+        return self
 
     def gas(self, position_m: float) -> float:
         """Return the force [N] of gas and preload at a position [m]."""
@@ -148,15 +123,6 @@ class SideForces:
         """Bound on the force of all friction elements [N]."""
         return sum(one.yield_N + one.moved_N for one in self.friction) * (1.0 + 1e-12)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file."""
-        return {
-            **{key: getattr(self, key) for key in SIDE_KEYS[:4]},
-            "position_m": list(self.position_m),
-            "gas_N": list(self.gas_N),
-            "friction": [vars(one) for one in self.friction],
-        }
-
     def fill(self, layout: Layout, interval_s: float) -> None:
         """Write its numbers for `ces_observer.tick.hydraulic`, without friction, at ticks of `interval_s`."""
         layout.p[tick.DRIVE_LEAD] = self.lead_s
@@ -167,30 +133,6 @@ class SideForces:
         layout.n[tick.GAS_NODES] = len(self.position_m)
         layout.n[tick.GAS_POSITIONS] = layout.table(self.position_m)
         layout.n[tick.GAS_FORCES] = layout.table(self.gas_N)
-
-    @classmethod
-    def from_json(cls, node: JsonObject) -> Self:
-        """Check it in a model file; raises ModelError."""
-        node.require_only_keys(*SIDE_KEYS)
-        positions = parse_nodes(node, "position_m")
-        gas = parse_nodes(node, "gas_N", len(positions), rising=False)
-        check_slopes(node.where, positions, gas, rising=False)
-        return cls(
-            node.number("lead_s", -MAX_LEAD_S, MAX_LEAD_S),
-            node.number("max_acceleration_m_s2", 0.0, MAX_VALUE),
-            node.number("viscous_Ns_m", 0.0, MAX_VALUE),
-            node.number("mass_kg", 0.0, MAX_VALUE),
-            positions,
-            gas,
-            tuple(parse_friction(item) for item in node.items("friction", 0, MAX_FRICTION)),
-        )
-
-
-def parse_friction(node: JsonObject) -> FrictionElement:
-    """Check a friction element of a model file; raises ModelError."""
-    node.require_only_keys("stiffness_N_m", "yield_N", "moved_N")
-    forces = (node.number(name, 0.0, MAX_VALUE) for name in ("yield_N", "moved_N"))
-    return FrictionElement(node.number("stiffness_N_m", 1e-9, 1e12), *forces)
 
 
 LONG_TICK = OperatingRange(1e-6, dict.fromkeys(INPUTS, (-inf, inf)), (-inf, inf))  # in which every lag dies out

@@ -11,19 +11,34 @@ functions of their signals in these bounds, so sub-models blended by them are bo
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from math import inf, isfinite
-from typing import Any, Self
+from typing import Self
 
 from ces_observer.errors import ModelError
+from ces_observer.fields import Field
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import bound_maximum, down
-from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, lay_out_constructed
+from ces_observer.records import OneOf, in_files, items
+from ces_observer.structures.constructed_inputs import (
+    BASE,
+    KINDS,
+    MAX_CONSTRUCTED,
+    ConstructedInput,
+    lay_out_constructed,
+    with_bases,
+)
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
-from ces_observer.structures.terms import Factor, Term, collect_constructed, term_to_json, terms_from
+from ces_observer.structures.terms import (
+    MAX_TERMS,
+    Factor,
+    Term,
+    check_products,
+    collect_constructed,
+    define_factors,
+)
 from ces_observer.tick import polynomial as tick
 from ces_observer.tick.structure import POLYNOMIAL
 
@@ -32,16 +47,36 @@ HYSTERESES = ("stop", "play")  # constructed inputs that keep their past at rest
 DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs, and its bound need not be tight
 CLAIM = "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope"
 METHOD = "interval branch and bound, outward rounding"
+DEFINITIONS = Field(
+    key="constructed",
+    of="constructed",
+    optional=True,
+    kind=OneOf(KINDS),
+    many=True,
+    min_count=1,
+    max_count=MAX_CONSTRUCTED,
+)
 
 
 @dataclass(frozen=True)
 class Polynomial(Structure):
-    """The sum of its terms."""
+    """The sum of its terms. A file has the definitions of their factors beside them."""
 
-    name, keys, option, rank = "polynomial_narx", ("terms", "constructed"), "polynomial", 0
+    name, option, rank = "polynomial_narx", "polynomial", 0
     number, runs = POLYNOMIAL, (tick.polynomial_reset, tick.polynomial_tick)
 
-    terms: tuple[Term, ...]
+    definitions: tuple[ConstructedInput, ...] = field(
+        default=(), kw_only=True, repr=False, metadata=in_files(DEFINITIONS)
+    )
+    terms: tuple[Term, ...] = items(1, MAX_TERMS)
+
+    def checked(self) -> Self:
+        """Return it with the definitions at the factors; raises ModelError."""
+        return type(self)(define_factors(self.terms, with_bases(self.definitions)))
+
+    def check_over(self, inputs: Ranges) -> None:
+        """Raise ModelError if a term can grow too large over the ranges of inputs."""
+        check_products(self.terms, inputs)
 
     @property
     def constructed(self) -> tuple[ConstructedInput, ...]:
@@ -52,16 +87,6 @@ class Polynomial(Structure):
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.terms)} terms"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file."""
-        constructed = {"constructed": [one.to_json() for one in self.constructed]} if self.constructed else {}
-        return {**constructed, "terms": [term_to_json(term) for term in self.terms]}
-
-    @classmethod
-    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
-        """Check the terms of a model file; raises ModelError."""
-        return cls(terms_from(root, inputs))
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the tables of the tick; raises ModelError for a number that is not finite or an unknown signal."""

@@ -23,11 +23,12 @@ from operator import mul
 from typing import ClassVar, Self
 
 from ces_observer.errors import ModelError
+from ces_observer.fields import REQUIRED
 from ces_observer.flat import Layout
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import FORGOTTEN, Certificate
-from ces_observer.structures.lagged_signals import MAX_NUMBER, MIN_SPREAD, parse_number, scale_from
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.records import bounded, choice, items
+from ces_observer.structures.lagged_signals import MAX_NUMBER, spread, weight
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure, require_length
 from ces_observer.tick import recurrent as tick
 from ces_observer.tick.model import K_STRUCTURE
 from ces_observer.tick.structure import RECURRENT
@@ -38,7 +39,6 @@ PLACES = {name: tick.SIGNAL_SPEED + i for i, name in enumerate((*MOTION, CURRENT
 MAX_MEMBERS, MAX_WIDTH = 8, 64
 DECAY_S = (1e-4, 1.0)  # a filter's decay time
 MAX_FREQUENCY_HZ = 1e5
-STAGE_KEYS = ("decay_s", "frequency_Hz", "drive", "hidden", "hidden_bias", "out", "out_bias")
 STEP_S, MAX_STEPS = 0.02, 3000  # of the bounds on what differs
 WIDENED = 1.0 + 1e-9  # of bounds, more than rounding changes them
 CLAIM = (
@@ -58,9 +58,9 @@ def _dot(one: Sequence[float], two: Sequence[float]) -> float:
 class ScaledInput:
     """An input of a stage, (value - mean) / spread; `signal` is one of MOTION or CURRENT."""
 
-    signal: str
-    mean: float
-    spread: float
+    signal: str = choice(REQUIRED, "", (*MOTION, CURRENT))
+    mean: float = weight()
+    spread: float = spread()
 
     def bound(self, inputs: Ranges, smoothing_m_s: float) -> float:
         """Return a bound on its size for inputs [m, m/s, A] in their ranges."""
@@ -81,13 +81,13 @@ def _speed_values(speed: float, smoothing_m_s: float) -> tuple[float, float, flo
 class Stage:
     """Filters and a layer of tanh; matrices are listed by rows, those of `drive` first real, then imaginary parts."""
 
-    decay_s: Row
-    frequency_Hz: Row
-    drive: Row
-    hidden: Row
-    hidden_bias: Row
-    out: Row
-    out_bias: Row
+    decay_s: Row = bounded(*DECAY_S, unit="s", max_count=MAX_WIDTH)
+    frequency_Hz: Row = bounded(-MAX_FREQUENCY_HZ, MAX_FREQUENCY_HZ)
+    drive: Row = weight()
+    hidden: Row = weight()
+    hidden_bias: Row = bounded(-MAX_NUMBER, MAX_NUMBER, max_count=MAX_WIDTH)
+    out: Row = weight()
+    out_bias: Row = bounded(-MAX_NUMBER, MAX_NUMBER, max_count=MAX_WIDTH)
 
     @property
     def kept(self) -> Row:
@@ -168,18 +168,13 @@ class Stage:
             found.append(abs(bias) + sum(map(abs, tanhs)) + linear)
         return found
 
-    @classmethod
-    def from_json(cls, node: JsonObject, inputs: int, outputs: int) -> Self:
-        """Check it in a model file; raises ModelError."""
-        node.require_only_keys(*STAGE_KEYS)
-        poles, hidden = _length(node, "decay_s"), _length(node, "hidden_bias")
+    def check_sizes(self, where: str, inputs: int, outputs: int) -> None:
+        """Raise ModelError unless its lists fit the numbers of inputs and outputs."""
+        poles, hidden = len(self.decay_s), len(self.hidden_bias)
         states = 2 * poles + inputs
-        decays = node.numbers("decay_s", poles, DECAY_S[1])
-        if min(decays) < DECAY_S[0]:
-            raise ModelError(f"{node.where}: decay_s holds {min(decays):g}; expected at least {DECAY_S[0]:g} s")
-        sizes = (2 * poles * inputs, hidden * states, hidden, outputs * (hidden + states), outputs)
-        weights = (node.numbers(key, size, MAX_NUMBER) for key, size in zip(STAGE_KEYS[2:], sizes, strict=True))
-        return cls(decays, node.numbers("frequency_Hz", poles, MAX_FREQUENCY_HZ), *weights)
+        sizes = (poles, poles, 2 * poles * inputs, hidden * states, hidden, outputs * (hidden + states), outputs)
+        for (name, numbers), size in zip(vars(self).items(), sizes, strict=False):  # cached properties come last
+            require_length(f"{where}: {name}", numbers, size)
 
 
 def _by_state(row: Sequence[float], filters: int) -> Row:
@@ -191,12 +186,6 @@ def _by_state(row: Sequence[float], filters: int) -> Row:
 def cut(numbers: Sequence[float], width: int) -> list[Row]:
     """Return the rows of a matrix that is listed row by row."""
     return [tuple(numbers[k : k + width]) for k in range(0, len(numbers), width)]
-
-
-def _length(node: JsonObject, key: str) -> int:
-    """Return the number of items under `key`, at least 1 and at most MAX_WIDTH; `numbers` then checks it."""
-    value = node.value.get(key)
-    return min(max(len(value), 1), MAX_WIDTH) if isinstance(value, list) else 1
 
 
 @dataclass(frozen=True)
@@ -250,19 +239,17 @@ class Member:
         factors = layout.state(len(self.current.out_bias))
         return counts + self.current.fill(layout, rate_Hz, scaled + self.first.inputs, factors)
 
-    @classmethod
-    def from_json(cls, node: JsonObject, motion: int, current: int) -> Self:
-        """Check it in a model file; raises ModelError."""
-        node.require_only_keys("first", "second", "current")
-        between = _length(node.at("first"), "out_bias")
-        first = Stage.from_json(node.at("first"), motion, between)
-        if not current:
-            if node.mapping_or_none("current") is not None:
-                raise ModelError(f"{node.where}: has a stage for the current; expected null, as no current is an input")
-            return cls(first, Stage.from_json(node.at("second"), between, 1), None)
-        factors = _length(node.at("current"), "out_bias")
-        second = Stage.from_json(node.at("second"), between, 1 + factors)
-        return cls(first, second, Stage.from_json(node.at("current"), current, factors))
+    def check_sizes(self, where: str, motion: int, current: int) -> None:
+        """Raise ModelError unless its stages fit the numbers of inputs and each other."""
+        if (self.current is None) == bool(current):
+            expected = "a stage for the current" if current else "null for the current, which is no input"
+            raise ModelError(f"{where}: expected {expected}")
+        between, factors = len(self.first.out_bias), 0
+        self.first.check_sizes(f"{where}: first", motion, between)
+        if self.current is not None:
+            factors = len(self.current.out_bias)
+            self.current.check_sizes(f"{where}: current", current, factors)
+        self.second.check_sizes(f"{where}: second", between, 1 + factors)
 
 
 @dataclass(frozen=True)
@@ -299,15 +286,25 @@ class FadingCertificate(Certificate):
 class Recurrent(Structure):
     """The mean of `members`, times `scale_N`; see the module."""
 
-    name, keys, option, rank = "recurrent", ("recurrent",), "recurrent", 3
+    name, section, option, rank = "recurrent", "recurrent", "recurrent", 3
     number, runs = RECURRENT, (tick.recurrent_reset, tick.recurrent_tick)
     unproved: ClassVar[str] = "its force is not proved to be bounded"
 
-    scale_N: float
-    smoothing_m_s: float
-    motion: tuple[ScaledInput, ...]
-    current: tuple[ScaledInput, ...]
-    members: tuple[Member, ...]
+    scale_N: float = spread("N")
+    smoothing_m_s: float = spread("m/s")
+    motion: tuple[ScaledInput, ...] = items(1, len(MOTION))
+    current: tuple[ScaledInput, ...] = items(0, 1)
+    members: tuple[Member, ...] = items(1, MAX_MEMBERS)
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError unless inputs and stages fit together."""
+        for name, of, signals in (("motion", self.motion, MOTION), ("current", self.current, (CURRENT,))):
+            for i, one in enumerate(of):
+                if one.signal not in signals:
+                    raise ModelError(f"{name}[{i}]: signal is {one.signal!r}; expected one of {', '.join(signals)}")
+        for i, member in enumerate(self.members):
+            member.check_sizes(f"members[{i}]", len(self.motion), len(self.current))
+        return self
 
     @property
     def size(self) -> str:
@@ -331,23 +328,6 @@ class Recurrent(Structure):
         """Return the force [N] at constant inputs: that of a first tick, before which inputs were the same."""
         middle = 0.5 * sum(within.inputs[POSITION])
         return self.make_predictor(within).tick(middle, speed_m_s, current_A)
-
-    @classmethod
-    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
-        """Check the network of a model file; raises ModelError."""
-        node = root.at("recurrent")
-        if node.value.get("base") is not None:
-            raise ModelError(f"{node.where}: corrects another structure, which is no longer known; identify it again")
-        node.require_only_keys("scale_N", "smoothing_m_s", "motion", "current", "members", "base")
-        motion = tuple(_parse_input(item, MOTION) for item in node.items("motion", 1, len(MOTION)))
-        current = tuple(_parse_input(item, (CURRENT,)) for item in node.items("current", 0, 1))
-        return cls(
-            scale_from(node),
-            node.number("smoothing_m_s", MIN_SPREAD, MAX_NUMBER),
-            motion,
-            current,
-            tuple(Member.from_json(one, len(motion), len(current)) for one in node.items("members", 1, MAX_MEMBERS)),
-        )
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.recurrent`."""
@@ -381,9 +361,3 @@ class Recurrent(Structure):
         runs = zip(*(member.differences(motion, current, within.rate_Hz) for member in self.members), strict=True)
         limit = FORGOTTEN * (high - low) / WIDENED * len(self.members) / self.scale_N
         return next((k * STEP_S for k, apart in enumerate(islice(runs, MAX_STEPS)) if sum(apart) < limit), math.inf)
-
-
-def _parse_input(node: JsonObject, signals: Sequence[str]) -> ScaledInput:
-    node.require_only_keys("signal", "mean", "spread")
-    signal, mean = node.choice("signal", signals), parse_number(node, "mean")
-    return ScaledInput(signal, mean, node.number("spread", MIN_SPREAD, MAX_NUMBER))

@@ -1,21 +1,21 @@
 """The interface of model structures: they compute a force and can be run, proved stable, written and read.
 
-A structure is a frozen class in a file beside this one, where `ces_observer.structures` finds it. A model file holds it
-under its `keys`; the rest of the file is the same for every structure.
+A structure is a frozen class in a file beside this one, where `ces_observer.structures` finds it. Its fields are a part
+of the model file; the rest of the file is the same for every structure.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from sys import float_info
-from typing import Any, ClassVar, Protocol, Self
+from typing import ClassVar, Protocol
 
 from ces_observer.core import bind, floats, ints
 from ces_observer.errors import ModelError
 from ces_observer.flat import Arrays, Layout
-from ces_observer.json_text import JsonObject
+from ces_observer.json_text import quote
 from ces_observer.proof.certificate import Certificate
 from ces_observer.tick import model
 
@@ -25,6 +25,12 @@ INPUTS = ("position", "speed", "current")
 
 Range = tuple[float, float]
 Ranges = Mapping[str, Range]  # of position [m], speed [m/s] and current [A] by name
+
+
+def require_length(where: str, values: Sequence[object], count: int) -> None:
+    """Raise ModelError unless a list has as many values as it must."""
+    if len(values) != count:
+        raise ModelError(f"{where} is {quote(list(values))}; expected a list of {count} numbers")
 
 
 @dataclass(frozen=True)
@@ -79,8 +85,9 @@ class CoreRun:
 
 
 class Structure(ABC):
-    """The part of a model that computes the force; `name` and `keys` are its name and keys in a model file.
+    """The part of a model that computes the force, a record of a model file; `name` is its name there.
 
+    Its fields are under the key `section`, or beside the rest of the file if that is empty.
     `option` is its name for users, who see the structures by `rank`; the first is the default. They cannot ask for one
     that is not `is_offered`.
     `extrapolates` is True if inputs outside the envelope are used as they are, up to a stated reach, and not clamped to
@@ -91,7 +98,7 @@ class Structure(ABC):
     """
 
     name: ClassVar[str]
-    keys: ClassVar[tuple[str, ...]]
+    section: ClassVar[str] = ""
     option: ClassVar[str]
     rank: ClassVar[int] = 100
     is_offered: ClassVar[bool] = True
@@ -116,14 +123,8 @@ class Structure(ABC):
         """Return the exact force [N] at mid-stroke at constant speed and current; None if only a run shows it."""
         return None
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file, by `keys`: its fields under the first one, unless overridden."""
-        return {self.keys[0]: asdict(self)}  # type: ignore[call-overload]  # every structure is a dataclass
-
-    @classmethod
-    @abstractmethod
-    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
-        """Check the `keys` of a model file over its ranges of inputs; raises ModelError."""
+    def check_over(self, inputs: Ranges) -> None:  # noqa: B027  # most need not
+        """Raise ModelError if the structure in a file does not fit the file's ranges of inputs."""
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the structure's numbers into a layout, for the functions `runs`; raises ModelError.

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import copysign, prod
-from typing import Any
+from typing import Self
 
 from ces_observer.errors import ModelError
-from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, down, up
-from ces_observer.structures.constructed_inputs import (
-    MAX_CONSTRUCTED,
-    ConstructedInput,
-    TriangularMembership,
-    parse_constructed,
-)
+from ces_observer.records import bounded, in_files, items, part
+from ces_observer.structures.constructed_inputs import ConstructedInput, TriangularMembership
 from ces_observer.structures.structure import MAX_LAG, Range, Ranges
 
 MIN_SIZE = 1e-100  # nearer to zero, a slope may overflow and counts as unbounded
+SIGNALS = ("force", "speed", "current", "position")
+MAX_TERMS = 500
+MAX_FACTORS = 8
+MAX_POWER = 8.0
+MAX_COEFFICIENT = 1e30
+MAX_PRODUCT = 1e100  # of a term, and of its factors' product: far from overflow of sums, slopes and bounds
+
+
+def _is_input(factor: Mapping[str, object]) -> bool:
+    return factor.get("signal") != "force"
 
 
 @dataclass(frozen=True)
@@ -30,10 +35,27 @@ class Factor:
     """
 
     signal: str
-    lag: int
-    power: float = 1.0
-    signed: bool = True
-    definition: ConstructedInput | None = None
+    lag: int = bounded(0, MAX_LAG)
+    power: float = bounded(0.0, MAX_POWER, default=1.0, when=_is_input)
+    signed: bool = part(default=True, when=_is_input)
+    definition: ConstructedInput | None = field(default=None, metadata=in_files(None))
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError for a force of the same tick."""
+        if self.signal == "force" and self.lag == 0:
+            raise ModelError(f"lag is 0; expected a whole number from 1 to {MAX_LAG} of a force")
+        return self
+
+    def defined(self, constructed: Mapping[str, ConstructedInput]) -> Self:
+        """Return it with its definition, if it needs one; raises ModelError."""
+        if self.signal in SIGNALS:
+            return self
+        if self.signal not in constructed:
+            raise ModelError(f"signal is {self.signal!r}; expected one of {', '.join((*SIGNALS, *constructed))}")
+        definition = constructed[self.signal]
+        if isinstance(definition, TriangularMembership) and self.power != 1.0:
+            raise ModelError(f"power is {self.power:g}; expected 1, as '{self.signal}' is a membership")
+        return replace(self, definition=definition)
 
     @property
     def variable(self) -> tuple[str, int]:
@@ -94,8 +116,14 @@ class Factor:
 class Term:
     """A coefficient [N per product of the factors' units] times its factors, at most one of them a past force."""
 
-    coefficient: float
-    factors: tuple[Factor, ...]
+    coefficient: float = bounded(-MAX_COEFFICIENT, MAX_COEFFICIENT)
+    factors: tuple[Factor, ...] = items(0, MAX_FACTORS)
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError for several past forces."""
+        if sum(f.signal == "force" for f in self.factors) > 1:
+            raise ModelError("more than one past force; expected at most one, so that bounds can be proved")
+        return self
 
     @property
     def output_lag(self) -> int:
@@ -118,54 +146,23 @@ def collect_constructed(terms: Sequence[Term]) -> tuple[ConstructedInput, ...]:
     return tuple(sorted(known.values(), key=lambda one: (isinstance(one, TriangularMembership), one.name)))
 
 
-SIGNALS = ("force", "speed", "current", "position")
-MAX_TERMS = 500
-MAX_FACTORS = 8
-MAX_POWER = 8.0
-MAX_COEFFICIENT = 1e30
-MAX_PRODUCT = 1e100  # of a term, and of its factors' product: far from overflow of sums, slopes and bounds
+def define_factors(terms: Sequence[Term], constructed: Mapping[str, ConstructedInput]) -> tuple[Term, ...]:
+    """Return the terms with the definitions of their factors; raises ModelError naming a factor without one."""
+    defined = []
+    for i, term in enumerate(terms):
+        try:
+            defined.append(replace(term, factors=tuple(factor.defined(constructed) for factor in term.factors)))
+        except ModelError as error:
+            raise ModelError(f"terms[{i}]: {error}") from None
+    return tuple(defined)
 
 
-def terms_from(root: JsonObject, inputs: Ranges) -> tuple[Term, ...]:
-    """Check the keys `terms` and `constructed` of a model file over its ranges of inputs; raises ModelError."""
-    definitions = root.items("constructed", 1, MAX_CONSTRUCTED) if "constructed" in root.value else ()
-    constructed = parse_constructed(definitions)
-    return tuple(_term_from(item, constructed, inputs) for item in root.items("terms", 1, MAX_TERMS))
-
-
-def term_to_json(term: Term) -> dict[str, Any]:
-    """Return a term as in a model file."""
-    factors = [
-        {"signal": f.signal, "lag": f.lag}
-        if f.signal == "force"
-        else {"signal": f.signal, "lag": f.lag, "power": f.power, "signed": f.signed}
-        for f in term.factors
-    ]
-    return {"coefficient": term.coefficient, "factors": factors}
-
-
-def _term_from(node: JsonObject, constructed: Mapping[str, ConstructedInput], inputs: Ranges) -> Term:
-    node.require_only_keys("coefficient", "factors")
-    factors = tuple(_factor_from(item, constructed) for item in node.items("factors", 0, MAX_FACTORS))
-    if sum(f.signal == "force" for f in factors) > 1:
-        raise ModelError(f"{node.where}: more than one past force; expected at most one, so that bounds can be proved")
-    term = Term(node.number("coefficient", -MAX_COEFFICIENT, MAX_COEFFICIENT), factors)
-    if not _bound_product(term, inputs) <= MAX_PRODUCT:
-        raise ModelError(f"{node.where}: can grow beyond {MAX_PRODUCT:g} in the input envelope; expected lower powers")
-    return term
-
-
-def _factor_from(node: JsonObject, constructed: Mapping[str, ConstructedInput]) -> Factor:
-    signal = node.choice("signal", (*SIGNALS, *constructed))
-    if signal == "force":
-        node.require_only_keys("signal", "lag")
-        return Factor("force", node.integer("lag", 1, MAX_LAG))
-    node.require_only_keys("signal", "lag", "power", "signed")
-    lag = node.integer("lag", 0, MAX_LAG)
-    power, definition = node.number("power", 0.0, MAX_POWER), constructed.get(signal)
-    if isinstance(definition, TriangularMembership) and power != 1.0:
-        raise ModelError(f"{node.where}: power is {power:g}; expected 1, as '{signal}' is a membership")
-    return Factor(signal, lag, power, node.flag("signed"), definition)
+def check_products(terms: Sequence[Term], inputs: Ranges) -> None:
+    """Raise ModelError if a term can grow too large over the ranges of inputs."""
+    for i, term in enumerate(terms):
+        if not _bound_product(term, inputs) <= MAX_PRODUCT:
+            text = f"can grow beyond {MAX_PRODUCT:g} in the input envelope; expected lower powers"
+            raise ModelError(f"terms[{i}]: {text}")
 
 
 def _bound_product(term: Term, inputs: Ranges) -> float:

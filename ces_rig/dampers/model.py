@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 
 from ces_data.arrays import F
-from ces_observer.fields import quantity, read_record
+from ces_observer.records import quantity, read_record
 from ces_rig.dampers.effects import Change, Proportions, add_to, get_number, interpolate_log, log_spread, uniform_spread
 from ces_rig.errors import RigError
 

@@ -18,9 +18,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F
-from ces_observer.fields import read_record
+from ces_observer.fields import Field
+from ces_observer.records import OneOf, Record
 from ces_rig.dampers import bouc_wen, hydraulic, lookup
-from ces_rig.dampers.hydraulic.parameters import Hydraulic, parse_damper
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.model import DamperKind, DamperModel, LumpedDamper
 from ces_rig.drive import CURRENT, GIVEN, MOTION_SIZE, ROWS, STROKE, STROKE_SPEED
 from ces_rig.errors import RigError
@@ -30,17 +31,13 @@ KINDS: Mapping[str, DamperKind] = {m.KIND.design.kind: m.KIND for m in (hydrauli
 LUMPED: Mapping[str, type[LumpedDamper]] = {
     name: type(kind.design) for name, kind in KINDS.items() if isinstance(kind.design, LumpedDamper)
 }
+DAMPER = Field(kind=OneOf({HYDRAULIC: Record(Damper, partial=True), **LUMPED}))
 
 
 def parse_model(description: Mapping[str, Any], where: str) -> DamperModel:
     """Return the damper of a description of any kind; raises RigError for an unknown kind or a number out of range."""
-    kind = description.get("kind", HYDRAULIC)
-    values = {key: value for key, value in description.items() if key != "kind"}
-    if kind in LUMPED:
-        return read_record(LUMPED[kind], values, where, RigError)
-    if kind != HYDRAULIC:
-        raise RigError(f"{where}: kind is {kind!r}; expected one of {', '.join(KINDS)}")
-    return Hydraulic(parse_damper(values, where))
+    damper: Damper | LumpedDamper = DAMPER.check({"kind": HYDRAULIC, **description}, where, RigError)
+    return Hydraulic(damper) if isinstance(damper, Damper) else damper
 
 
 class Mover(NamedTuple):

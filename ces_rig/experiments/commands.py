@@ -16,8 +16,9 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from ces_data.arrays import F
-from ces_observer.fields import REQUIRED, quantity
+from ces_observer.fields import REQUIRED
 from ces_observer.json_text import write_atomically
+from ces_observer.records import quantity
 from ces_rig.errors import RigError
 
 INTERVAL_S = 1e-3  # [s] grid of all designed experiments

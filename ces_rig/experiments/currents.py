@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import copysign, exp, pi
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.random import Generator
@@ -14,15 +14,20 @@ from scipy.signal import lfilter, max_len_seq
 
 from ces_data.arrays import F
 from ces_observer.control.force_controller import CurveError, ForceCurve
-from ces_observer.fields import REQUIRED, quantity, read_record
+from ces_observer.fields import REQUIRED, Field
+from ces_observer.records import OneOf, items, part, quantity
 from ces_rig.drive import filtered_noise
 from ces_rig.errors import RigError
-from ces_rig.experiments.sequences import KIND, Current, CurrentSequence, parse_parts
-from ces_rig.experiments.strokes import take_kind
+from ces_rig.experiments.sequences import KIND, MAX_PARTS, Current, duration, find_spans
 
 LOW, HIGH = 0.29, 0.70  # [A] what the controller reg1 of the thesis used (section 5.1)
 SPEEDS_M_S = (-0.6, -0.4, -0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2, 0.4, 0.6)
 FORCES_N = (-2150.0, -2000.0, -1750.0, -1400.0, -900.0, 0.0, 400.0, 600.0, 760.0, 900.0, 1000.0)
+
+
+def _require_range(low_A: float, high_A: float) -> None:
+    if high_A <= low_A:
+        raise RigError("high_A is not above low_A")
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,7 @@ class Reg1:
     filter_s: float = quantity(0.002, "s", "time constant of the speed's filter", 0.0, 1.0)
 
     def __post_init__(self) -> None:
+        _require_range(self.low_A, self.high_A)
         try:
             self.reference  # noqa: B018
         except CurveError as error:
@@ -115,11 +121,27 @@ class Steps:
 
 
 @dataclass(frozen=True)
-class Prbs:
+class CurrentRange:
+    """The range of a current."""
+
+    low_A: float = _current(LOW, "lower end")
+    high_A: float = _current(HIGH, "upper end")
+
+    def checked(self) -> Self:
+        """Return it; raises RigError for an empty range."""
+        _require_range(self.low_A, self.high_A)
+        return self
+
+    def at(self, share: F) -> F:
+        """Return the currents [A] (n,) for shares of half the range, -1 to 1, from its middle."""
+        middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
+        return np.asarray(middle + half * share)
+
+
+@dataclass(frozen=True)
+class Prbs(CurrentRange):
     """Pseudo-random binary sequence between two levels, from a seeded start in a maximum-length sequence."""
 
-    low_A: float = _current(LOW, "lower level")
-    high_A: float = _current(HIGH, "upper level")
     hold_s: float = quantity(0.1, "s", "shortest time between switches", 1e-3, 1e3)
 
     def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
@@ -130,11 +152,9 @@ class Prbs:
 
 
 @dataclass(frozen=True)
-class Binary:
+class Binary(CurrentRange):
     """Two levels, switched after random times (exponential beyond the shortest)."""
 
-    low_A: float = _current(LOW, "lower level")
-    high_A: float = _current(HIGH, "upper level")
     shortest_s: float = quantity(0.05, "s", "shortest time between switches", 1e-3, 1e3)
     mean_s: float = quantity(0.3, "s", "mean time between switches", 1e-3, 1e3)
 
@@ -148,19 +168,6 @@ class Binary:
         gaps = self.shortest_s + rng.exponential(self.mean_s - self.shortest_s, count)
         switched = np.searchsorted(np.cumsum(gaps), time_s - time_s[0])
         return np.where(switched % 2 == 1, self.high_A, self.low_A)
-
-
-@dataclass(frozen=True)
-class CurrentRange:
-    """The range of a current."""
-
-    low_A: float = _current(LOW, "lower end")
-    high_A: float = _current(HIGH, "upper end")
-
-    def at(self, share: F) -> F:
-        """Return the currents [A] (n,) for shares of half the range, -1 to 1, from its middle."""
-        middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
-        return np.asarray(middle + half * share)
 
 
 @dataclass(frozen=True)
@@ -206,26 +213,37 @@ class SineCurrent(CurrentRange):
         return self.at(np.sin(2 * pi * self.frequency_Hz * time_s))
 
 
-KINDS: Mapping[str, type[Any]] = {
+@dataclass(frozen=True)
+class CurrentPart:
+    """A current in a sequence; it is known before the damper moves."""
+
+    duration_s: float = duration()
+    current: Current = part(kind=OneOf(lambda: SINGLE), inline=True)
+
+
+@dataclass(frozen=True)
+class CurrentSequence:
+    """Currents one after the other."""
+
+    parts: tuple[CurrentPart, ...] = items(1, MAX_PARTS)
+
+    def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
+        """Return the commanded current [A] at the uniform times (n,)."""
+        current = np.empty_like(time_s)
+        for one, span in find_spans([(one.duration_s, one.current) for one in self.parts], time_s):
+            current[span] = one.samples(time_s[span] - time_s[span.start], stroke_m[span], rng)
+        return current
+
+
+SINGLE: Mapping[str, type[Any]] = {
     "constant": ConstantLevel, "ramp": Ramp, "steps": Steps, "prbs": Prbs, "binary": Binary,
-    "filtered_noise": FilteredNoise, "sine": SineCurrent, "stroke_following": StrokeFollowing, "reg1": Reg1,
-    KIND: CurrentSequence,
+    "filtered_noise": FilteredNoise, "sine": SineCurrent, "stroke_following": StrokeFollowing,
 }  # fmt: skip
+KINDS = {**SINGLE, "reg1": Reg1, KIND: CurrentSequence}
+CURRENT = Field(kind=OneOf(KINDS))
 
 
 def make_current(description: object, where: str) -> Current | Reg1:
     """Return the current of the description `{kind: …, its parameters}`; raises RigError."""
-    kind, settings = take_kind(description, KINDS, where)
-    if kind == KIND:
-        return CurrentSequence(parse_parts(settings, where, _make_part))
-    current: Current | Reg1 = read_record(KINDS[kind], settings, where, RigError)
-    if getattr(current, "high_A", 1.0) <= getattr(current, "low_A", 0.0):
-        raise RigError(f"{where}: high_A is not above low_A")
-    return current
-
-
-def _make_part(description: object, where: str) -> Current:
-    current = make_current(description, where)
-    if isinstance(current, Reg1):
-        raise RigError(f"{where}: kind is 'reg1', which needs the damper; expected a current known before it moves")
+    current: Current | Reg1 = CURRENT.check(description, where, RigError)
     return current

@@ -1,4 +1,4 @@
-"""What strokes and currents are, and those that are made of others or of samples.
+"""What strokes and currents are, how those of a sequence follow one another, and strokes that are made of samples.
 
 The parts of a sequence, such as the test points of a dyno, follow one another, each with a duration and times of its
 own; after the last part the sequence begins again. A stroke file holds the samples of a stroke.
@@ -7,7 +7,7 @@ own; after the last part the sequence begins again. A stroke file holds the samp
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -20,7 +20,8 @@ from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F
-from ces_observer.fields import REQUIRED, quantity, read_record, setting
+from ces_observer.fields import REQUIRED
+from ces_observer.records import part, quantity
 from ces_rig.errors import RigError
 
 T = TypeVar("T")
@@ -44,60 +45,12 @@ class Current(Protocol):
         """Return the commanded current [A] at the uniform times, shape (n,)."""
 
 
-@dataclass(frozen=True)
-class TimedPart:
-    """How long a part lasts."""
-
-    duration_s: float = quantity(REQUIRED, "s", "duration of the part", 0.05, 7200.0)
+def duration() -> Any:
+    """Declare the duration of a part."""
+    return quantity(REQUIRED, "s", "duration of the part", 0.05, 7200.0)
 
 
-@dataclass(frozen=True)
-class StrokeSequence:
-    """Strokes one after the other; each fades in and out by itself."""
-
-    parts: Parts[Shape]
-
-    def samples(self, time_s: F, rng: Generator) -> F:
-        """Return the position [m] at the uniform times (n,)."""
-        position = np.zeros_like(time_s)
-        for part, span in _find_spans(self.parts, time_s):
-            if span.stop - span.start > 1:
-                position[span] = part.samples(time_s[span] - time_s[span.start], rng)
-        return position
-
-
-@dataclass(frozen=True)
-class CurrentSequence:
-    """Currents one after the other."""
-
-    parts: Parts[Current]
-
-    def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
-        """Return the commanded current [A] at the uniform times (n,)."""
-        current = np.empty_like(time_s)
-        for part, span in _find_spans(self.parts, time_s):
-            current[span] = part.samples(time_s[span] - time_s[span.start], stroke_m[span], rng)
-        return current
-
-
-def parse_parts(
-    settings: Mapping[str, Any], where: str, make: Callable[[object, str], T]
-) -> tuple[tuple[float, T], ...]:
-    """Return the parts of `{parts: [{duration_s: ..., what `make` reads}, ...]}`; raises RigError."""
-    parts, made = settings.get("parts"), []
-    if set(settings) != {"parts"} or not isinstance(parts, list) or not 0 < len(parts) <= MAX_PARTS:
-        raise RigError(f"{where}: a sequence has the key 'parts' only; expected a list of 1 to {MAX_PARTS} parts")
-    for number, part in enumerate(parts, 1):
-        here = f"{where}: part {number}"
-        if not isinstance(part, Mapping) or part.get("kind") == KIND:
-            raise RigError(f"{here} is {part!r}; expected a mapping with kind and duration_s, and no sequence in it")
-        rest = {key: value for key, value in part.items() if key != "duration_s"}
-        timed = read_record(TimedPart, {key: part[key] for key in part if key not in rest}, here, RigError)
-        made.append((timed.duration_s, make(rest, here)))
-    return tuple(made)
-
-
-def _find_spans(parts: Parts[T], time_s: F) -> Iterator[tuple[T, slice]]:
+def find_spans(parts: Parts[T], time_s: F) -> Iterator[tuple[T, slice]]:
     """Yield each part, again and again, with the samples of `time_s` (n,) that belong to it."""
     start, end, index = 0, 0.0, 0
     while start < len(time_s):
@@ -121,7 +74,7 @@ class StrokeFile:
     `table` raises RigError for a file that is no stroke.
     """
 
-    path: str = setting(REQUIRED, "CSV file")
+    path: str = part(meaning="CSV file")
 
     @cached_property
     def table(self) -> tuple[F, F]:

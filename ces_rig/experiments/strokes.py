@@ -7,19 +7,20 @@ frequency domain, so the road's spectrum is exact and the vehicle in steady stat
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
 from ces_data.arrays import F
-from ces_observer.fields import REQUIRED, choice, quantity, read_record
+from ces_observer.fields import REQUIRED
+from ces_observer.records import OneOf, choice, items, part, quantity, read_record
 from ces_rig.drive import filtered_noise
 from ces_rig.errors import RigError
-from ces_rig.experiments.sequences import KIND, Shape, StrokeFile, StrokeSequence, parse_parts
+from ces_rig.experiments.sequences import KIND, MAX_PARTS, Shape, StrokeFile, duration, find_spans
 
 Spectrum = NDArray[np.complex128]
 
@@ -195,12 +196,6 @@ class Triangle:
         return np.convolve(triangle, window / window.sum(), mode="valid")
 
 
-KINDS: Mapping[str, type[Any]] = {
-    "rest": Rest, "sine": Sine, "sum_of_sines": SumOfSines, "sweep": Sweep, "noise": NoiseStroke, "road": RoadStroke,
-    "frequency_modulated": FrequencyModulated, "triangle": Triangle, "file": StrokeFile, KIND: StrokeSequence,
-}  # fmt: skip
-
-
 @dataclass(frozen=True)
 class Common:
     """Settings that all strokes have in common."""
@@ -213,30 +208,52 @@ class Common:
 class Stroke:
     """A shape with its common settings."""
 
-    shape: Shape
-    common: Common
+    shape: Shape = part(kind=OneOf(lambda: KINDS), inline=True)
+    common: Common = part(inline=True)
+
+    def checked(self) -> Self:
+        """Return it; a sequence fades in its parts."""
+        sequence = isinstance(self.shape, StrokeSequence)
+        return replace(self, common=replace(self.common, fade_s=0.0)) if sequence else self
 
     def samples(self, time_s: F, rng: Generator) -> F:
         """Return the position [m] at the uniform times, shape (n,)."""
         return self.common.offset_m + self.shape.samples(time_s, rng) * fade(time_s, self.common.fade_s)
 
 
+@dataclass(frozen=True)
+class StrokePart(Stroke):
+    """A stroke in a sequence."""
+
+    shape: Shape = part(kind=OneOf(lambda: SINGLE), inline=True)
+    duration_s: float = duration()
+
+
+@dataclass(frozen=True)
+class StrokeSequence:
+    """Strokes one after the other; each fades in and out by itself."""
+
+    parts: tuple[StrokePart, ...] = items(1, MAX_PARTS)
+
+    def samples(self, time_s: F, rng: Generator) -> F:
+        """Return the position [m] at the uniform times (n,)."""
+        position = np.zeros_like(time_s)
+        for one, span in find_spans([(one.duration_s, one) for one in self.parts], time_s):
+            if span.stop - span.start > 1:
+                position[span] = one.samples(time_s[span] - time_s[span.start], rng)
+        return position
+
+
+SINGLE: Mapping[str, type[Any]] = {
+    "rest": Rest, "sine": Sine, "sum_of_sines": SumOfSines, "sweep": Sweep, "noise": NoiseStroke, "road": RoadStroke,
+    "frequency_modulated": FrequencyModulated, "triangle": Triangle, "file": StrokeFile,
+}  # fmt: skip
+KINDS: Mapping[str, type[Any]] = {**SINGLE, KIND: StrokeSequence}
+
+
 def make_stroke(description: object, where: str) -> Stroke:
     """Return the stroke of the description `{kind: …, its parameters, offset_m, fade_s}`; raises RigError."""
-    kind, settings = take_kind(description, KINDS, where)
-    if kind == KIND:
-        return Stroke(StrokeSequence(parse_parts(settings, where, make_stroke)), Common(fade_s=0.0))
-    common = {key: settings.pop(key) for key in ("offset_m", "fade_s") if key in settings}
-    return Stroke(read_record(KINDS[kind], settings, where, RigError), read_record(Common, common, where, RigError))
-
-
-def take_kind(description: object, kinds: Mapping[str, object], where: str) -> tuple[str, dict[str, Any]]:
-    """Split a description into its `kind`, one of `kinds`, and the other settings; raises RigError."""
-    kind = description.get("kind") if isinstance(description, Mapping) else description
-    if not isinstance(description, Mapping) or kind not in kinds:
-        raise RigError(f"{where}: kind is {kind!r}; expected one of {', '.join(kinds)}")
-    settings = dict(description)
-    return settings.pop("kind"), settings
+    return read_record(Stroke, description, where, RigError)
 
 
 def fade(time_s: F, fade_s: float) -> F:

@@ -7,7 +7,7 @@ an experiment is also a simulation of recordings (`load_rig`): recorded position
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,11 @@ from scipy.signal import butter, sosfiltfilt
 from ces_data.arrays import F
 from ces_data.config_file import read_yaml_mapping
 from ces_data.recording import Recording
-from ces_observer.fields import quantity, read_record, require_known_keys
+from ces_observer.fields import Field
+from ces_observer.records import Record, part, quantity, read_record
+from ces_observer.shapes import Either
 from ces_rig.dampers.hydraulic.kernel import LAST_STROKE, rest_force
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, load_damper, parse_damper
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, load_damper
 from ces_rig.dampers.model import DamperModel
 from ces_rig.dampers.stepper import (
     GIVEN_STROKE,
@@ -33,14 +35,10 @@ from ces_rig.dampers.stepper import (
 )
 from ces_rig.drive import FORCE, SERVO, STROKE, VALVE, ServoActuator
 from ces_rig.errors import RigError
-from ces_rig.experiments.currents import Reg1, SpeedForceLoop, make_current
+from ces_rig.experiments.currents import CURRENT, Reg1, SpeedForceLoop
 from ces_rig.experiments.sequences import Current
-from ces_rig.experiments.strokes import Stroke, make_stroke
+from ces_rig.experiments.strokes import Stroke
 from ces_rig.sensors import GRID_S, Sensors, Truth, make_rng, measure_signals
-
-KEYS = (
-    "name", "description", "duration_s", "seed", "repeat", "tare", "stroke", "current", "damper", "sensors", "actuator",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -59,11 +57,15 @@ class ExperimentSettings:
 class Experiment:
     """Stroke (an actuator's command if any), current, damper, sensors; `tare`: the cell reads 0 under gas alone."""
 
-    settings: ExperimentSettings
-    stroke: Stroke
-    current: Current | Reg1
-    damper: Damper
-    sensors: Sensors
+    settings: ExperimentSettings = part(inline=True)
+    stroke: Stroke = part()
+    current: Current | Reg1 = part(kind=CURRENT)
+    damper: Damper = part(
+        default=Damper(),
+        kind=Either(Field(kind=str), Record(Damper, partial=True)),
+        meaning="values that differ from the default damper, or the name of a damper file beside this one",
+    )
+    sensors: Sensors = part(default=Sensors(), kind=Record(Sensors, partial=True))
     actuator: ServoActuator | None = None
 
 
@@ -92,25 +94,14 @@ def load_experiment(path: Path) -> Experiment:
 
 def parse_experiment(description: Mapping[str, Any], where: str, path: Path | None = None) -> Experiment:
     """Return the experiment of a `description`; files in it are relative to the folder of `path`."""
-    require_known_keys(description, KEYS, where, RigError)
-    for key in ("stroke", "current"):
-        if key not in description:
-            raise RigError(f"{where}: '{key}' is missing; expected a mapping with its kind")
-    settings = {f.name: description[f.name] for f in fields(ExperimentSettings) if f.name in description}
-    folder = path.parent if path else Path()
-    stroke, damper = description["stroke"], description.get("damper", {})
+    folder, values = path.parent if path else Path(), {"name": path.stem if path else "experiment", **description}
+    stroke, damper = description.get("stroke"), description.get("damper")
     if isinstance(stroke, Mapping) and stroke.get("kind") == "file" and isinstance(stroke.get("path"), str):
-        stroke = {**stroke, "path": str(folder / stroke["path"])}
-    return Experiment(
-        read_record(ExperimentSettings, {"name": path.stem if path else "experiment", **settings}, where, RigError),
-        make_stroke(stroke, f"{where}: stroke"),
-        make_current(description["current"], f"{where}: current"),
-        load_damper(folder / damper) if isinstance(damper, str) else parse_damper(damper, f"{where}: damper"),
-        read_record(Sensors, description.get("sensors", {}), f"{where}: sensors", RigError, Sensors()),
-        read_record(ServoActuator, description["actuator"], f"{where}: actuator", RigError)
-        if "actuator" in description
-        else None,
-    )
+        values["stroke"] = {**stroke, "path": str(folder / stroke["path"])}
+    if isinstance(damper, str):
+        del values["damper"]
+    experiment = read_record(Experiment, values, where, RigError)
+    return replace(experiment, damper=load_damper(folder / damper)) if isinstance(damper, str) else experiment
 
 
 def simulate_truth(experiment: Experiment) -> Truth:

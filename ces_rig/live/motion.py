@@ -17,7 +17,7 @@ from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F, I
-from ces_observer.fields import choice, quantity
+from ces_observer.records import choice, quantity
 from ces_rig.dampers.stepper import spline_speed
 from ces_rig.errors import RigError
 from ces_rig.experiments.sequences import Shape

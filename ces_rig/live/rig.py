@@ -16,9 +16,10 @@ import numpy as np
 from numpy.random import Generator
 
 from ces_data.config_file import parse_yaml_mapping
-from ces_observer.fields import choice, quantity, require_known_keys, setting, walk_record
+from ces_observer.fields import require_known_keys
 from ces_observer.nodes.parameter_table import EXECUTOR
 from ces_observer.options import Option, as_parameter
+from ces_observer.records import choice, part, quantity, walk_record
 from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.model import replace_numbers
 from ces_rig.dampers.stepper import GIVEN_STROKE, HYDRAULIC, DamperStepper, Mover
@@ -45,9 +46,9 @@ class RigSettings:
     """The settings of a live rig."""
 
     drive: str = choice(SCRIPT, "what moves the damper", (SCRIPT, VEHICLE, SET_POINTS))
-    damper: str = setting("", "rig YAML of the damper, any kind; empty: the packaged CES damper")
-    withheld: tuple[str, ...] = setting(
-        (), "effects added: name or 'name: {severity: 1.0, proportion: …}' (docs/rig.md)"
+    damper: str = part(default="", meaning="rig YAML of the damper, any kind; empty: the packaged CES damper")
+    withheld: tuple[str, ...] = part(
+        default=(), meaning="effects added: name or 'name: {severity: 1.0, proportion: …}' (docs/rig.md)"
     )
     rate_hz: int = quantity(1000, "Hz", "samples per second", 200, 2000)
     step_s: float = quantity(0.0, "s", "step of the integrator; 0: that of the recorded rig, 5e-5 or 1e-4", 0.0, 2e-4)
@@ -65,9 +66,11 @@ class RigSettings:
 class RigNodeSettings:
     """The settings that the node adds to those of a live rig; with `publish_clock` it is the source of time."""
 
-    joint: str = setting("rear_damper", "joint name, and frame of all stamps")
-    stamped_current: bool = setting(False, "publish the current as JointState (effort[joint], in A) instead of Float64")
-    publish_clock: bool = setting(False, "provide simulated time and publish /clock")
+    joint: str = part(default="rear_damper", meaning="joint name, and frame of all stamps")
+    stamped_current: bool = part(
+        default=False, meaning="publish the current as JointState (effort[joint], in A) instead of Float64"
+    )
+    publish_clock: bool = part(default=False, meaning="provide simulated time and publish /clock")
     real_time_factor: float = quantity(
         1.0, "1", "with publish_clock: simulated over real time; 0: as fast as the readers allow", 0.0, 1e3
     )

@@ -13,11 +13,12 @@ from typing import Any
 from ces_data.config_file import packaged_text, read_yaml_mapping
 from ces_identify.options import DELAY, STARTS, TERMS, THREADS, TIME, build_identify_options, structure_option
 from ces_identify.structures.kit import IdentifyOptions
-from ces_observer.fields import choice, declare, quantity, read_record, require_known_keys
+from ces_observer.records import choice, declare, in_files, part, quantity, read_record
 from ces_observer.structures import STRUCTURES
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import RigLimits
 
+SHOWN = "ces iterate --template shows it"
 DESIGNED, REPEATED = "designed", "repeated"
 
 
@@ -61,35 +62,26 @@ class IdentifyPlan:
 
 
 @dataclass(frozen=True)
-class PlanSettings:
-    """What a plan says besides its rig: `recordings` exist and are identified first, `validate` are only scored."""
+class Plan:
+    """An iteration: `recordings` exist and are identified first, `validate` are only scored.
 
-    limits: RigLimits
+    `rig` is the description of the rig, which `ces_rig.loop.rigs` checks. Paths are relative to `folder`.
+    """
+
+    limits: RigLimits = part(remedy=SHOWN)
+    rig: Mapping[str, Any] = part(remedy=SHOWN)
     seed: int = quantity(1, "1", "seed of all random numbers", 0, 2**31)
     experiments: ExperimentPlan = field(default_factory=ExperimentPlan)
     stop: StopRules = field(default_factory=StopRules)
     identify: IdentifyPlan = field(default_factory=IdentifyPlan)
     recordings: tuple[str, ...] = ()
     validate: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plan(PlanSettings):
-    """An iteration: `rig` is the description of the rig, checked by `ces_rig.loop.rigs`.
-
-    Paths are relative to `folder`.
-    """
-
-    source: str
-    folder: Path
-    rig: Mapping[str, Any]
+    source: str = field(default="", metadata=in_files(None))
+    folder: Path = field(default=Path(), metadata=in_files(None))
 
     def path(self, text: str) -> Path:
         """Return a path of the plan, relative to the plan's folder."""
         return self.folder / Path(text).expanduser()
-
-
-KEYS = ("seed", "limits", "experiments", "stop", "identify", "rig", "recordings", "validate")
 
 
 def load_plan(path: Path) -> Plan:
@@ -100,13 +92,7 @@ def load_plan(path: Path) -> Plan:
 
 def parse_plan(content: Mapping[str, Any], source: str, folder: Path) -> Plan:
     """Return the plan of a mapping, as `load_plan`."""
-    require_known_keys(content, KEYS, source, RigError)
-    for key in ("limits", "rig"):
-        if not isinstance(content.get(key), Mapping):
-            raise RigError(f"{source}: '{key}' is missing or not a mapping; ces iterate --template shows it")
-    without_rig = {key: value for key, value in content.items() if key != "rig"}
-    settings = read_record(PlanSettings, without_rig, source, RigError)
-    return Plan(**vars(settings), source=source, folder=folder, rig=content["rig"])
+    return replace(read_record(Plan, content, source, RigError), source=source, folder=folder)
 
 
 OFFERED = ", ".join(one.option for one in STRUCTURES.values() if one.is_offered)

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -23,8 +23,9 @@ from ces_data.logs.log_mapping import DynoMapping, load_dyno_mapping
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
-from ces_observer.fields import quantity, read_record
+from ces_observer.fields import Field
 from ces_observer.json_text import write_atomically
+from ces_observer.records import OneOf, quantity
 from ces_observer.signals import Signals
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.model import DamperModel
@@ -48,7 +49,7 @@ Mark = tuple[tuple[str, int, int], ...]
 
 
 class RigAdapter(Protocol):
-    """A rig. A new kind is a module beside this file and settings in `kinds.RIG_SETTINGS` that open it."""
+    """A rig. A new kind is a module beside this file and settings in `RIG` that open it."""
 
     def run(self, commands: RigCommands, folder: Path) -> Recording:
         """Run the commands and return what was recorded: at least position, current and force.
@@ -212,20 +213,13 @@ class RosRigSettings:
         return rig
 
 
-RIG_SETTINGS: Mapping[str, type[Any]] = {
-    "virtual": VirtualRigSettings,
-    "folder": FolderRigSettings,
-    "ros": RosRigSettings,
-}
+RIG = Field(kind=OneOf({"virtual": VirtualRigSettings, "folder": FolderRigSettings, "ros": RosRigSettings}))
 
 
 def open_rig(plan: Plan) -> RigAdapter:
     """Return the plan's rig; raises a CesError that names the key at fault."""
-    where, kind = f"{plan.source}: rig", plan.rig.get("kind")
-    if not isinstance(kind, str) or kind not in RIG_SETTINGS:
-        raise RigError(f"{where}: kind is {kind!r}; expected one of {', '.join(RIG_SETTINGS)}")
-    settings = {key: value for key, value in plan.rig.items() if key != "kind"}
-    rig: RigAdapter = read_record(RIG_SETTINGS[kind], settings, where, RigError).open(plan, where)
+    where = f"{plan.source}: rig"
+    rig: RigAdapter = RIG.check(plan.rig, where, RigError).open(plan, where)
     return rig
 
 

@@ -11,7 +11,7 @@ from ces_data.config_file import MAX_BYTES, read_yaml_mapping
 from ces_data.logs.log_mapping import load_dyno_mapping
 from ces_data.signals_file import load_signals
 from ces_identify.campaign.plan import load_campaign
-from ces_identify.polynomial.candidates import load_rules
+from ces_identify.polynomial.rules_file import load_rules
 from ces_observer.errors import CesError
 from ces_rig.dampers.hydraulic.parameters import load_damper
 from ces_rig.experiments.virtual import load_description, load_experiment, load_rig

@@ -12,7 +12,7 @@ from planted import with_values
 from ces_data.findings import Finding
 from ces_identify.identification import identify
 from ces_identify.numerics.search import Limits
-from ces_identify.polynomial.candidates import parse_rules
+from ces_identify.polynomial.rules_file import parse_rules
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.simulations.band_run import band_half_width
 from ces_identify.structures.kit import IdentifyOptions

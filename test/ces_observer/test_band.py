@@ -50,12 +50,12 @@ def test_a_model_without_a_band_has_no_such_key():
     ("change", "message"),
     [
         (lambda b: b.pop("level"), "band: key 'level' is missing"),
-        (lambda b: b.update(level=1.0), "level is 1.0; expected a finite number from 0.01 to 0.9999"),
+        (lambda b: b.update(level=1.0), "level is 1.0; expected a number from 0.01 to 0.9999"),
         (lambda b: b.update(levl=0.9), "unknown key 'levl'"),
         (lambda b: b["parts"].update(fast_N=-1.0), "parts: fast_N is -1.0"),
         (lambda b: b["parts"].update(quick_N=1.0), "parts: unknown key 'quick_N'"),
         (lambda b: b["parts"].pop("force"), "parts: key 'force' is missing"),
-        (lambda b: b.update(mean=[0.0] * 4), "mean is .*expected a list of 5 finite numbers"),
+        (lambda b: b.update(mean=[0.0] * 4), "mean is .*expected a list of 5 numbers"),
         (lambda b: b["whitening"].append(1.0), "whitening is .*expected a list of 15"),
         (lambda b: b["whitening"].__setitem__(3, float("nan")), r"whitening\[3\] is nan"),
         (lambda b: b.update(speed_m_s=0.0), "speed_m_s is 0.0"),
@@ -74,10 +74,10 @@ def test_what_is_wrong_with_a_band_is_named(change, message):
     assert str(caught.value).startswith("m.json: band") and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("value", [None, [], 3, "wide"])
+@pytest.mark.parametrize("value", [[], 3, "wide"])
 def test_a_band_that_is_no_object_is_refused(value):
     raw = json.loads(make_model(band=BAND).to_json()) | {"band": value}
-    with pytest.raises(ModelError, match=r"m\.json: band: found"):
+    with pytest.raises(ModelError, match=r"m\.json: band is .*; expected a mapping"):
         parse_model(json.dumps(raw), "m.json")
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from planted import planted as planted_ride
 from samplings import make_sampling
 
-from ces_identify.polynomial.candidates import parse_rules
+from ces_identify.polynomial.rules_file import parse_rules
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term

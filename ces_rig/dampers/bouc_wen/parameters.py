@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ces_observer.fields import quantity
+from ces_observer.records import quantity
 from ces_rig.dampers.model import LumpedDamper
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_data.config_file import read_yaml_mapping
-from ces_observer.fields import quantity, read_record, walk_record
+from ces_observer.records import quantity, read_record, walk_record
 from ces_rig.dampers.hydraulic.kernel import Numbers
 from ces_rig.dampers.model import DamperModel, replace_numbers
 from ces_rig.errors import RigError

@@ -15,7 +15,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
-from ces_observer.fields import quantity
+from ces_observer.records import quantity
 from ces_rig.dampers.model import LumpedDamper
 from ces_rig.errors import RigError
 

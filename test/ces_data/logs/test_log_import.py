@@ -261,23 +261,26 @@ def test_name_without_the_number_and_other_data(tmp_path):
 @pytest.mark.parametrize(
     ("text", "phrase"),
     [
-        ("tme: {column: t}\n" + SIGNALS, "unknown key 'tme'; known are format, delimiter"),
+        ("tme: {column: t}\n" + SIGNALS, "unknown key 'tme'; known are position, current"),
         (SIGNALS, "give one of 'time' and 'rate'"),
         (MAPPED + "rate: 5\n", "give one of 'time' and 'rate'"),
-        (TIME + "position: {column: x}\ncurrent: {column: i}\n", "no 'force'; give its column"),
-        ("rate: -5\n" + SIGNALS, "'rate' is -5; expected a rate in Hz greater than 0"),
-        ("rate: fast\n" + SIGNALS, "'rate' is 'fast'; expected a rate in Hz, or {column: NAME}"),
-        ("time: t\n" + SIGNALS, "'time' is 't'; expected a mapping of column"),
-        ("time: {column: -1}\n" + SIGNALS, "'time' is -1; expected column: a name, or a number from 0"),
-        ("delimiter: ';;'\n" + MAPPED, "'delimiter': found ';;'; expected one character"),
-        ("decimal: 3\n" + MAPPED, "'decimal' is 3; expected one of ., ,"),
-        ("header_lines: -1\n" + MAPPED, "'header_lines' is -1; expected a whole number from 0"),
-        ("format: xls\n" + MAPPED, "'format' is 'xls'; expected one of csv, json, mat"),
-        ("names: x\n" + MAPPED, "'names' is 'x'; expected a list of texts"),
-        ("rows: 3\n" + MAPPED, "'rows' is 3; expected a path"),
-        (MAPPED + "temperature: {}\n", "expected one of column, constant and from_name, in degC"),
-        (MAPPED + "temperature: {column: T, scale: 0}\n", "expected scale: a finite number other than 0"),
-        (MAPPED + "temperature: {constant: hot}\n", "'temperature' is 'hot'; expected a finite number"),
+        (
+            TIME + "position: {column: x}\ncurrent: {column: i}\n",
+            "key 'force' is missing; expected a mapping with one of column",
+        ),
+        ("rate: -5\n" + SIGNALS, "rate is -5; expected a rate above 0 Hz"),
+        ("rate: fast\n" + SIGNALS, "rate is 'fast'; expected a rate above 0 Hz, or {column: NAME}"),
+        ("time: t\n" + SIGNALS, "time is 't'; expected a mapping with its column"),
+        ("time: {column: -1}\n" + SIGNALS, "time: column is -1; expected a name, or a number from 0"),
+        ("delimiter: ';;'\n" + MAPPED, "delimiter: found ';;'; expected one character"),
+        ("decimal: 3\n" + MAPPED, "decimal is 3; expected one of ., ,"),
+        ("header_lines: -1\n" + MAPPED, "header_lines is -1; expected a whole number from 0"),
+        ("format: xls\n" + MAPPED, "format is 'xls'; expected one of csv, json, mat"),
+        ("names: x\n" + MAPPED, "names is 'x'; expected a list of texts"),
+        ("rows: 3\n" + MAPPED, "rows is 3; expected a path"),
+        (MAPPED + "temperature: {}\n", "expected a mapping with one of column, constant and from_name"),
+        (MAPPED + "temperature: {column: T, scale: 0}\n", "scale is 0; expected the factor from the logged unit to SI"),
+        (MAPPED + "temperature: {constant: hot}\n", "temperature: constant is 'hot'; expected a number"),
         (MAPPED + "temperature: {from_name: '['}\n", "expected a regular expression ("),
         (MAPPED + "temperature: {from_name: 'A'}\n", "expected a regular expression with a group"),
         ("position: {constant: 0}\ncurrent: {constant: 0}\nforce: {constant: 0}\n" + TIME, "no signal has a column"),
@@ -291,7 +294,7 @@ def test_bad_mapping_is_one_clear_line(tmp_path, text, phrase):
 
 def test_template_is_a_mapping_and_so_is_all_that_it_comments_out(tmp_path):
     plain = mapping(tmp_path, TEMPLATE)
-    assert plain.signals["position"] == LogColumn("x_mm", 0.001, scaled=True)
+    assert plain.signals["position"] == LogColumn("x_mm", given_scale=0.001)
     keys = set(re.findall(r"^# ?([a-z_]+): ", TEMPLATE, flags=re.MULTILINE))
     layout = {"format", "delimiter", "decimal", "header_lines", "names", "blank", "rows", "dbc", "time", "rate"}
     assert keys == layout | {"position", "current", "temperature", "speed", "acceleration"}

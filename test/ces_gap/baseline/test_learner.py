@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -25,7 +25,9 @@ from ces_gap.baseline.learner import (
     learn_correction,
     noise_of,
 )
+from ces_gap.errors import GapError
 from ces_gap.trace import Trace
+from ces_observer.records import read_record, write_record
 
 EVERYWHERE = np.ones(40000, bool)
 
@@ -92,7 +94,7 @@ def test_a_dictionary_fills_every_column_predicts_their_weighted_sum_and_survive
     weights = np.random.default_rng(1).standard_normal(features.shape[1])
     predicted = learner.predict(trace, trace.inputs, trace.simulated, weights)
     np.testing.assert_allclose(predicted, features @ weights, rtol=1e-9, atol=1e-9)
-    assert Dictionary.from_json(json.loads(json.dumps(asdict(learner)))) == learner
+    assert read_record(Dictionary, json.loads(json.dumps(write_record(learner))), "", GapError) == learner
 
 
 def test_extreme_currents_are_clipped() -> None:

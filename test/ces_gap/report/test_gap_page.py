@@ -222,10 +222,10 @@ def test_the_title_says_which_simulation_and_recordings() -> None:
     d = replace(named(), simulation="/runs/7/model.json", next_experiment=None)
     first, second = (one.trace.recording for one in d.held_out)
     sources = [("real", [first]), ("held_out", [second]), ("reference", [replace(first, name="new")])]
-    text = result_files(d, {"kind": "model", "path": "model.json"}, sources)["report.html"]
+    text = result_files(d, {"spec": "model.json", "sha256": None}, sources)["report.html"]
     title = next(ET.fromstring(text).iter(f"{XHTML}title")).text
     assert title == f"Gap of model.json against {first.name}, {second.name} (reference new)"
-    only = result_files(d, {"kind": "model", "path": "model.json"}, sources[:1])["report.html"]
+    only = result_files(d, {"spec": "model.json", "sha256": None}, sources[:1])["report.html"]
     assert f"<title>Gap of model.json against {first.name}</title>" in only
 
 

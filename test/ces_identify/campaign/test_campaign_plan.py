@@ -9,7 +9,7 @@ from campaign_parts import CAMPAIGN, RULES, made
 
 from ces_identify.campaign.plan import MAX_CELLS, CampaignError, jobs, load_campaign
 from ces_identify.numerics.search import METHODS, THESIS
-from ces_identify.polynomial.candidates import load_rules
+from ces_identify.polynomial.rules_file import load_rules
 from ces_observer.errors import CesError
 
 SMALL = "bags: {a: one}\nvalidate: {b: two}\nstructures: {polynomial: {candidates: rules.yaml}}\n"
@@ -133,17 +133,17 @@ def test_what_is_left_out_is_as_in_identify(load):
         ("seed: [1, 2]", "seeds: [1]", "unknown key 'seeds'; known are bags"),
         ("seed: [1, 2]", "seed: [1, 1]", "seed: 1 is given twice"),
         ("seed: [1, 2]", "seed: []", "seed is []"),
-        ("seed: [1, 2]", "rate: [auto, fast]", "rate is 'fast'; expected a number"),
+        ("seed: [1, 2]", "rate: [auto, fast]", "rate[1] is 'fast'; expected auto or a number"),
         ("seed: [1, 2]", "certificate: maybe", "certificate is 'maybe'"),
-        ("seed: [1, 2]", "delay: [0, 0.03]", "delay is 0.03; expected a number from 0 to 0.02 s"),
-        ("seed: [1, 2]", "delay: [[0, 0.003]]", "delay is [0, 0.003]; expected a number"),
+        ("seed: [1, 2]", "delay: [0, 0.03]", "delay[1] is 0.03; expected a number from 0 to 0.02 s"),
+        ("seed: [1, 2]", "delay: [[0, 0.003]]", "delay[0] is [0, 0.003]; expected a number"),
         ("seed: [1, 2]", "split: 2", "split is 2; expected a number from 0.05 to 1"),
-        ("terms: [2, 4]", "terms: [0]", "structures: polynomial: terms is 0"),
+        ("terms: [2, 4]", "terms: [0]", "structures: polynomial: terms[0] is 0"),
         ("rules.yaml", "none.yaml", "none.yaml: cannot be read: No such file or directory; expected candidate rules"),
         ("sigmoid: {units: 2}", "spline: {}", "structures: unknown key 'spline'; known are polynomial"),
         ("sigmoid: {units: 2}", "anfis: {rules: 40x2}", "structures: anfis: rules: "),
         ("limits: {time: 600}", "limits: {second: 20}", "limits: unknown key 'second'; known are time"),
-        ("one: [one]", "one: []", "bags: one is []; expected a value"),
+        ("one: [one]", "one: []", "bags: one is []; expected a text, or a list of texts"),
         ("one: [one]", "one: [one, one]", "bags: one: 'one' is given twice"),
         ("one: [one]", "a b: [one]", "bags: name 'a b'"),
         ("  other: two", "  []", "validate is []"),

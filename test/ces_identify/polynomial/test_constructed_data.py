@@ -8,8 +8,8 @@ from samplings import make_sampling
 
 from ces_identify.identification import identify
 from ces_identify.numerics.search import Limits
-from ces_identify.polynomial.candidates import built_in_rules, load_rules, parse_rules
 from ces_identify.polynomial.constructed import add_blend, restrict_to_data
+from ces_identify.polynomial.rules_file import built_in_rules, load_rules, parse_rules
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError

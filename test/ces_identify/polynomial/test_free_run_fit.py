@@ -5,7 +5,6 @@ import pytest
 from kernel_examples import SEGMENTS, TERMS, make_inputs, tables  # noqa: F401 - make_inputs is a fixture
 
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.free_run_fit import (
     candidate_products,
     fit_free_run,
@@ -14,6 +13,7 @@ from ces_identify.polynomial.free_run_fit import (
     sensitivities,
 )
 from ces_identify.polynomial.problem import assemble_problem
+from ces_identify.polynomial.rules_file import parse_rules
 from ces_identify.prepare.series import prepare
 
 

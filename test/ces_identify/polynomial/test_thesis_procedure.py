@@ -10,8 +10,8 @@ from identification_examples import RULES, SAMPLING, planted
 
 from ces_identify import identify, read_recording, validate
 from ces_identify.numerics.search import THESIS, TIME_IS_UP, WORK_IS_DONE, Limits, clock_s
-from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.problem import assemble_problem
+from ces_identify.polynomial.rules_file import load_rules
 from ces_identify.polynomial.selection import ThesisStart
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions

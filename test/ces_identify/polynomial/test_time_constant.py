@@ -7,8 +7,8 @@ from samplings import make_sampling
 
 from ces_identify.identification import identify
 from ces_identify.numerics.search import Limits
-from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.constructed import GRID_S, find_time_constants
+from ces_identify.polynomial.rules_file import parse_rules
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.model import Envelope, Model

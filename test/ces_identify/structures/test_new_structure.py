@@ -4,7 +4,7 @@ import json
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -27,6 +27,7 @@ from ces_observer.model import Model, load_model, parse_model
 from ces_observer.nodes.model_check import require_stable
 from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate
+from ces_observer.records import bounded
 from ces_observer.structures.structure import Structure
 from ces_report.typesetting import parameter_table
 
@@ -78,21 +79,13 @@ class Dashpot(Structure):
     """Force = viscosity times speed."""
 
     name: ClassVar[str] = "dashpot"
-    keys: ClassVar[tuple[str, ...]] = ("viscosity_Ns_m",)
     option: ClassVar[str] = "dashpot"
     unproved: ClassVar[str] = "it is not proved to dissipate"
-    viscosity: float
+    viscosity: float = bounded(-1e6, 1e6, key="viscosity_Ns_m")
 
     @property
     def size(self) -> str:
         return "1 dashpot"
-
-    def to_json(self) -> dict[str, Any]:
-        return {"viscosity_Ns_m": self.viscosity}
-
-    @classmethod
-    def from_json(cls, root, inputs):
-        return cls(root.number("viscosity_Ns_m", -1e6, 1e6))
 
     def make_predictor(self, within):
         return DashpotRun(self.viscosity)

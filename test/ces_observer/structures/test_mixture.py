@@ -41,7 +41,7 @@ def member(**changes):
 
 
 SPOILT = {
-    "members[0]: weight is 0; expected a finite number from 1e-06": member(weight=0),
+    "members[0]: weight is 0; expected a number from 1e-06": member(weight=0),
     "mixture: the weights of the members sum to 1.1; expected 1": member(weight=0.4),
     "members[0]: structure is 'mixture'; expected one of polynomial_narx": member(structure="mixture"),
     "members[0]: unknown key 'terms'; known are weight, structure, network": member(structure="sigmoid_narx"),

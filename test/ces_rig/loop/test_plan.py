@@ -33,8 +33,8 @@ def test_the_template_shows_the_defaults() -> None:
 @pytest.mark.parametrize(
     ("section", "values", "part"),
     [
-        ("limits", None, "'limits' is missing"),
-        ("rig", None, "'rig' is missing"),
+        ("limits", None, "limits is None; expected a mapping.*template shows it"),
+        ("rig", None, "rig is None; expected a mapping.*template shows it"),
         ("limits", {"stroke_m": 0.02}, "'speed_m_s' is missing"),
         ("stop", {"budget": 1}, "unknown key 'budget'"),
         ("stop", {"budget_s": "much"}, "budget_s is 'much'"),
