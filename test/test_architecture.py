@@ -70,7 +70,7 @@ MAX_PACKAGE = {
     "ces_report": 11.5,
     "ces_identify": 169.4,
     "ces_rig": 76.8,
-    "ces_gap": 127,
+    "ces_gap": 127.4,
     "ces_cli": 66.4,
     "bench": 79.8,
     "test": 477,
