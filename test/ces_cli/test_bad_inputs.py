@@ -213,7 +213,7 @@ rig sweep | expected EXPERIMENT and --out BAG
 rig sweep --out x --seed -1 | expected a whole number from 0 to 2147483648
 rig sine_4hz --out full | full: is a folder but not a bag
 rig --list --seed 1 | --seed does not apply with --list
-iterate i1.yaml --out o | 'limits' is missing or not a mapping
+iterate i1.yaml --out o | limits is [1, 2]; expected a mapping of keys to values
 iterate i2.yaml --out o | expected one of virtual, folder, ros
 iterate i3.yaml --out o | budget_s is -3
 iterate i4.yaml --out o | missing

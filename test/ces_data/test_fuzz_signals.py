@@ -76,7 +76,7 @@ REFUSALS = {
     "a number beyond floats": (f"position: {{scale: 1{'0' * 400}}}\n", "expected a number from"),
     "a number beyond writing": (f"position: {{scale: 0x{'f' * 9000}}}\n", "too large to write"),
     "a text, then a part": ("position: x\nposition.topic: y\nposition.field: z[\n", "is not a field name"),
-    "keys of two kinds": ("position: {1: a, x: b}\n", "unknown key '1'"),
+    "keys of two kinds": ("position: {1: a, x: b}\n", "unknown key 1"),
     "an index that is no digit": ("position: {field: 'position[²'}\n", "is not a field name"),
     "an index beyond arrays": (f"position: {{field: 'position[{'9' * 5000}]'}}\n", "at most 255"),
     "a field of Python": ("position: {field: __class__.__name__}\n", "is not a field name"),
