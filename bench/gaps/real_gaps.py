@@ -30,10 +30,17 @@ from bench.gaps.real_cases import (
 from bench.markdown import markdown
 from bench.measurement import print_note
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.inference.judgement import CALIBRATION, TIMING
+from ces_gap.inference.judgement import CALIBRATION, PARAMETERS, TIMING
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 
 HEADER = ("simulation", "in truth", "answers", "judged", "shrink %", "parameters")
+MEANT = {  # by a parameter of a hydraulic model
+    "friction_N": "friction",
+    "gas_force_change_N": "force_offset",
+    "gas_rate": "gas_spring",
+    "leak_m_s_rtN": "leakage",
+    "oil_stiffness": "compressibility",
+}
 RIGHT, PARTLY, DOUBT, NOTHING, WRONG = "right", "partly", "in doubt", "none", "**wrong**"
 
 
@@ -93,7 +100,11 @@ def read_answer(case: RealCase, diagnosis: Diagnosis) -> CaseAnswer:
     verdict = diagnosis.verdict.replace("_", " ")
     answer = f"{verdict}: {names}" if is_named else verdict
     shrink = None if diagnosis.verdict == NO_GAP else best.shrink
-    judged = judge(case.causes, diagnosis.verdict, best.effects)
+    freed = [
+        e.name for effect, of in zip(best.effects, best.estimates, strict=True) if effect == PARAMETERS for e in of
+    ]
+    named = [*(e for e in best.effects if e != PARAMETERS), *(MEANT[name] for name in freed if name in MEANT)]
+    judged = judge(case.causes, diagnosis.verdict, named)
     return CaseAnswer(case.setup, case.truth, answer, judged, shrink, parameters)
 
 
