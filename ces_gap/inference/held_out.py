@@ -35,7 +35,7 @@ BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
 SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
-SMALL = 0.3  # of a rare deviation: what an explanation leaves of it at most, a tenth of its energy
+SMALL = 0.3  # of a gap or a rare deviation: what is immaterial beside it, a tenth of its energy
 HIDDEN = 3.0  # times the gap's RMS: what is as large lasts at most 1/9 of the time, and the RMS hides it
 SURELY_MORE = 1.15  # times the gap left, without an effect that is needed: `verdict.CLEARLY_MORE`
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
@@ -128,7 +128,7 @@ def score_held_out(
     least_N = max(least_N, HIDDEN * findings.visible_from_N if findings.has_references else 0.0)
     rare, rare_left = _find_rare(inputs, baseline, blocks.traces, alone, least_N), None
     if best is not None and np.isfinite(together.gap_after_N):
-        least_N = least_N if rare is None else max(least_N, SMALL * abs(rare.mean_N))
+        least_N = max(least_N, SMALL * max(nothing.gap_after_N, 0.0 if rare is None else abs(rare.mean_N)))
         modelled = (*result.evidence.forces(best.composition), *forces)
         rare_left = _find_rare(inputs, baseline, blocks.traces, modelled, least_N)
     return HeldOutScores(
