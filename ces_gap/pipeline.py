@@ -94,7 +94,8 @@ def diagnose(
     inputs = prepare(simulation)
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
-    choose_free(simulation, options.fit, spec)  # a wrong word of --fit ends here
+    if options.fit:
+        choose_free(simulation, options.fit, spec)  # a wrong word of the user ends here
     chosen = FreedParameters(simulation)
     if simulation.parameters and not reference and list(options.fit) != [NONE]:
         twin = None if inputs.twin_problem else inputs.twin
@@ -130,14 +131,9 @@ def diagnose(
     diagnosis = with_parameters(diagnosis, chosen)
     if options.experiment and diagnosis.verdict == AMBIGUOUS and chosen.pairs:
         progress("choosing the next experiment", 0.0)
-        asking = (
-            Plant(DirectSimulator(original), twin=inputs.twin),
-            inputs.real,
-            chosen.pairs,
-            unexplained_N(inputs.real),
-        )
-        known = diagnosis.next_experiment
-        proposed = optional.run("next experiment", lambda: propose_experiment(*asking), None) or known
+        plant, known = Plant(DirectSimulator(original), twin=inputs.twin), diagnosis.next_experiment
+        among = inputs.real, chosen.pairs, unexplained_N(inputs.real)
+        proposed = optional.run("next experiment", lambda: propose_experiment(plant, *among), None) or known
         diagnosis = replace(diagnosis, next_experiment=proposed)
     notes = (*notes, *seen, *optional.notes, *chosen.notes, *diagnosis.notes)
     return replace(with_changes(diagnosis) if reference else diagnosis, notes=notes)

@@ -26,6 +26,7 @@ from ces_gap.inference.judgement import (
 )
 from ces_gap.inference.rare import RareDeviation, find_rare_deviation
 from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
+from ces_gap.inference.verdict import CLEARLY_MORE
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
@@ -37,7 +38,6 @@ SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the dif
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
 SMALL = 0.3  # of a gap or a rare deviation: what is immaterial beside it, a tenth of its energy
 HIDDEN = 3.0  # times the gap's RMS: what is as large lasts at most 1/9 of the time, and the RMS hides it
-SURELY_MORE = 1.15  # times the gap left, without an effect that is needed: `verdict.CLEARLY_MORE`
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
 
@@ -273,7 +273,7 @@ def has_undetermined_effect(composition: Explanation) -> bool:
     zero (Hauck and Donner 1977): then counts what is left without the effect.
     """
     c, alone = composition, composition.gain > Z95 * composition.gain_error > 0.0
-    needed = [gap_N > SURELY_MORE * c.gap_after_N for gap_N in c.without_N] or [alone] * len(c.effects)
+    needed = [gap_N > CLEARLY_MORE * c.gap_after_N for gap_N in c.without_N] or [alone] * len(c.effects)
     for setting, estimates, is_needed in zip(c.composition.settings, c.estimates, needed, strict=True):
         sizes = [(p, e) for p, e in zip(setting.effect.parameters, estimates, strict=True) if p.magnitude]
         includes_none = all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes)
