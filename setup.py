@@ -96,7 +96,7 @@ setup(
     long_description_content_type="text/markdown",
     license="Apache-2.0",
     python_requires=">=3.11",
-    packages=find_packages(include=["ces_*"]),
+    packages=find_packages(include=["ces", "ces_*"]),
     cmdclass={
         "build_py": BuildWithSchemas,
         "build_ext": BuildCore,

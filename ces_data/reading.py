@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 from ces_data.bags import reader
 from ces_data.findings import require_usable
+from ces_data.frames import is_table, read_frame
 from ces_data.log_formats import is_foreign
 from ces_data.logs import log_import
 from ces_data.logs.log_mapping import load_dyno_mapping
@@ -20,7 +21,7 @@ from ces_observer.errors import CesError
 
 SIGNALS = ("position", "current", "force")
 PathInput: TypeAlias = "str | os.PathLike[str]"
-RecordingInput: TypeAlias = "Recording | PathInput"
+RecordingInput: TypeAlias = "Recording | PathInput | Mapping[str, Any]"  # or a pandas DataFrame
 RecordingInputs: TypeAlias = "RecordingInput | Sequence[RecordingInput]"
 
 
@@ -52,10 +53,10 @@ def read_log(path: PathInput, *, mapping: PathInput | None = None) -> Recording:
 def as_recordings(
     given: RecordingInputs, signals: PathInput | None = None, *, need: Sequence[str] = SIGNALS, required: bool = True
 ) -> list[Recording]:
-    """Return recordings that were given as such or as paths of bags and logs, one or several."""
-    single = isinstance(given, Recording | str | os.PathLike)
-    if not single and (isinstance(given, Mapping) or not hasattr(given, "__iter__")):
-        raise CesError(f"recordings: expected a recording, a path, or several of them; got {kind_of(given)}")
+    """Return recordings that were given as such, as paths of bags and logs, or as tables, one or several."""
+    single = isinstance(given, Recording | str | os.PathLike) or is_table(given)
+    if not single and not hasattr(given, "__iter__"):
+        raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(given)}")
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
         raise CesError("no recording given; expected a recording, a path, or several of them")
@@ -63,6 +64,8 @@ def as_recordings(
     for one in several:
         if isinstance(one, Recording):
             recordings.append(one)
+        elif is_table(one):
+            recordings.append(_check(read_frame(one, need=need)))
         elif is_foreign(path := as_path(one, "recording")):
             recordings.append(read_log(path))
         else:

@@ -90,21 +90,21 @@ def _column(name: str, channel: Channel, stamps: Stamps) -> DataColumn:
     if np.array_equal(channel.stamps_ns, stamps):
         return DataColumn.of(name, channel.unit, channel.values)
     if name in HELD:
-        return DataColumn.of(f"{name}_held", channel.unit, *_hold(channel.finite(), stamps))
-    values, missing = _interpolate(channel.finite(), stamps)
+        return DataColumn.of(f"{name}_held", channel.unit, *hold(channel.finite(), stamps))
+    values, missing = interpolate(channel.finite(), stamps)
     if name == "force":
         missing |= ~measured_at(channel, stamps)
     return DataColumn.of(f"{name}_interp", channel.unit, values, missing)
 
 
-def _hold(channel: Channel, stamps: Stamps) -> tuple[Values, NDArray[np.bool_]]:
+def hold(channel: Channel, stamps: Stamps) -> tuple[Values, NDArray[np.bool_]]:
     """Return the newest value at or before each stamp; none before the first."""
     newest = np.searchsorted(channel.stamps_ns, stamps, side="right") - 1
     values = channel.values[np.maximum(newest, 0)] if len(channel) else np.full(len(stamps), np.nan)
     return np.asarray(values), np.asarray((newest < 0) | (len(channel) == 0))
 
 
-def _interpolate(channel: Channel, stamps: Stamps) -> tuple[Values, NDArray[np.bool_]]:
+def interpolate(channel: Channel, stamps: Stamps) -> tuple[Values, NDArray[np.bool_]]:
     """Return the line between the neighbours of each stamp; none outside the channel and in its gaps."""
     if len(channel) < 2:
         return np.full(len(stamps), np.nan), np.ones(len(stamps), dtype=np.bool_)

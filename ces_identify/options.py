@@ -6,22 +6,27 @@ meanings from here; the sizes of a structure are declared in its kit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from ces_data.reading import kind_of
 from ces_identify.numerics.search import GAUSS_NEWTON, METHODS, Limits
-from ces_identify.prepare.cost import FORMS
+from ces_identify.polynomial.rules_file import load_rules
+from ces_identify.prepare.cost import FORMS, parse_weighting
 from ces_identify.prepare.sampling import SPEEDS
 from ces_identify.structures import KITS
-from ces_identify.structures.auto import AUTO
-from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.auto import AUTO, BestStructure, default_sizes
+from ces_identify.structures.kit import Fitter, IdentifyOptions, Size
+from ces_observer.errors import CesError
 from ces_observer.model import MAX_DELAY_S
 from ces_observer.options import Option, in_group
 
 FROM_DATA = "from the data"
 REGIONS = f"{FORMS} [m/s, share of the stroke, A, m]"
+POLYNOMIAL_STRUCTURES = ("polynomial", AUTO)
 POLYNOMIALS = f"polynomials (--structure polynomial or {AUTO})"
 
 TIME = Option(
@@ -142,3 +147,59 @@ def build_identify_options(values: Mapping[str, Any]) -> IdentifyOptions:
     limits = Limits(**{f.name: given[f.name] for f in fields(Limits) if f.name in given})
     own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
     return IdentifyOptions(**{**own, "limits": limits})
+
+
+def choose_fit(structure: str, given: Mapping[str, Any]) -> tuple[IdentifyOptions, Fitter]:
+    """Return the settings of an identification and the fitter of a structure, for values by the names of options.
+
+    Weights and candidate rules may be texts. Raises CesError naming what is unknown, or does not apply.
+    """
+    values = {name: value for name, value in given.items() if value is not None}
+    sizes = {name: value for name, value in values.items() if name not in _OPTION_NAMES and name not in _LIMIT_NAMES}
+    fitter = _find_fitter(structure, sizes)
+    named = {name: value for name, value in values.items() if name not in sizes}
+    if structure not in POLYNOMIAL_STRUCTURES:
+        for option in (METHOD, TERMS, CANDIDATES):
+            if option.name in named:
+                raise CesError(f"{option.name}: does not apply to structure '{structure}', only to {POLYNOMIALS}")
+    return _with_options(IdentifyOptions(), named), fitter
+
+
+_LIMIT_NAMES = {field.name for field in fields(Limits)}
+_OPTION_NAMES = {field.name for field in fields(IdentifyOptions)} - {"limits"}
+_OBJECTS = ("weight", "candidates")  # options that may be texts or objects
+
+
+def _with_options(options: IdentifyOptions, named: Mapping[str, Any]) -> IdentifyOptions:
+    """Return the options with the values that were given by name; weights and candidate rules may be texts.
+
+    None leaves a value as it is.
+    """
+    if not isinstance(options, IdentifyOptions):
+        raise CesError(f"options: expected IdentifyOptions; got {kind_of(options)}")
+    values = {name: value for name, value in named.items() if value is not None}
+    for option in list_options():
+        if option.name in values and option.name not in _OBJECTS:
+            option.check(values[option.name])
+    if isinstance(weight := values.get("weight"), str | Sequence):
+        values["weight"] = parse_weighting([weight] if isinstance(weight, str) else weight)
+    if isinstance(rules := values.get("candidates"), str | os.PathLike):
+        values["candidates"] = load_rules(Path(rules), values.get("method", options.limits.method))
+    limits = {name: value for name, value in values.items() if name in _LIMIT_NAMES}
+    own = {name: value for name, value in values.items() if name not in _LIMIT_NAMES}
+    return replace(options, limits=replace(options.limits, **limits), **own)
+
+
+def _find_fitter(structure: str, sizes: Mapping[str, Size]) -> Fitter:
+    """Return the fitter of a structure with the given sizes; raises CesError naming what is unknown."""
+    if structure != AUTO and structure not in KITS:
+        raise CesError(f"structure '{structure}' is unknown; expected one of {', '.join([*KITS, AUTO])}")
+    defaults = default_sizes() if structure == AUTO else {size.name: size.default for size in KITS[structure].sizes}
+    if not sizes.keys() <= defaults.keys():
+        raise CesError(f"structure '{structure}' has no size {', '.join(sizes.keys() - defaults.keys())}")
+    try:
+        return (
+            BestStructure({**defaults, **sizes}) if structure == AUTO else KITS[structure].fitter({**defaults, **sizes})
+        )
+    except ValueError as error:
+        raise CesError(f"structure '{structure}': {error}") from None

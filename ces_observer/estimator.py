@@ -10,11 +10,12 @@ come out in `late`, each with the stamp of the sample that it belongs to: the fi
 from __future__ import annotations
 
 from math import isfinite
+from pathlib import Path
 from typing import NamedTuple
 
 from ces_observer.core import bind, floats, ints
 from ces_observer.flat import Arrays, Layout
-from ces_observer.model import Model
+from ces_observer.model import Model, load_model
 from ces_observer.reasons import REASONS
 from ces_observer.sampling_layout import fill_tracker
 from ces_observer.tick import estimator as tick
@@ -54,14 +55,14 @@ def lay_out_estimator(model: Model) -> EstimatorArrays:
 
 
 class Estimator:
-    """Estimates the force of one damper, sample by sample.
+    """Estimates the force of one damper, sample by sample, by a model or that in a file.
 
     After `step`: `reason` is "ok" or why the force was withheld, and `cause` what a warm-up is for; `position` [m] and
     `speed` [m/s] are those at the last accepted sample; `late` holds the estimates that have become known.
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
+    def __init__(self, model: Model | str | Path) -> None:
+        self.model = model = model if isinstance(model, Model) else load_model(model)
         own, run = (Arrays(floats(p), ints(n), floats(s), ints(k)) for p, n, s, k in lay_out_estimator(model))
         _, self._n, self._s, self._k = own
         self._flags = run.k

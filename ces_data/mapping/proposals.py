@@ -138,13 +138,22 @@ def propose_mapping(
         raise RecordingError(f"{path}: --rate does not apply: the channels of this log have their own times")
     if dbc and not isinstance(log, CanLog):
         raise RecordingError(f"{path}: --dbc does not apply: this is no CAN log")
+    return propose_for(log, rate, dbc, damper)
+
+
+def propose_for(
+    log: LogTable | TimedLog, rate: float | None = None, dbc: Sequence[Path] = (), damper: str = ""
+) -> MappingProposal:
+    """Return the same for an open log."""
     found = find_log_candidates(log, rate)
     selection = choose(found.candidates, integrates=True)
     if damper and damper not in selection.names:
-        raise RecordingError(f"{path}: no damper '{damper}'; found: {', '.join(selection.names) or 'one damper only'}")
+        raise RecordingError(
+            f"{log.path}: no damper '{damper}'; found: {', '.join(selection.names) or 'one damper only'}"
+        )
     writer = _MappingWriter(log, found, selection, dbc, damper)
     text = "\n".join(writer.lines()) + "\n"
-    mapping = None if writer.missing else parse_dyno_mapping(text, f"the mapping proposed for {path}")
+    mapping = None if writer.missing else parse_dyno_mapping(text, f"the mapping proposed for {log.path}")
     # a mapping may resolve the form of a time; what may be any signal is the fault of each
     unread = [(s, why) for key, why in found.unread.items() for s in (REQUIRED if key == ANY else (key,))]
     faults = frozenset(f"{signal}: {why}" for signal, why in unread if signal != "time")

@@ -1,0 +1,223 @@
+"""The Python door: recordings to models, models to forces, and the gap between simulation and reality.
+
+    import ces
+
+    model = ces.identify(df, structure="auto")   # a DataFrame, a bag, a log, or several
+    print(model.validate("rig/road"))
+    model.save("model.json")
+
+Wherever a recording is expected, these are taken: the path of a bag or log, a pandas DataFrame, a mapping of arrays, a
+`Recording`, or several of them; wherever a model is, the path of its file is, too. Units are SI; position, speed and
+force are positive in compression. Keyword names are the programs' option names, with `_` for `-`. A mistake of the
+user's raises `CesError` with one line.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+from ces_observer.errors import CesError
+from ces_observer.estimator import Estimator
+from ces_observer.lazy_names import import_on_use
+
+if TYPE_CHECKING:
+    from ces_data.reading import PathInput, RecordingInputs
+    from ces_gap.calibrate.calibration import Calibration
+    from ces_gap.diagnosis import Diagnosis
+    from ces_gap.pipeline import DiagnoseOptions
+    from ces_identify.characteristics.rows import Characteristics
+    from ces_identify.comparison.comparison import Comparison
+    from ces_identify.scripting.damper_model import DamperModel
+    from ces_identify.scripting.model import Model
+    from ces_identify.scripting.recording import Recording
+    from ces_identify.simulations.simulation import Simulation
+    from ces_identify.validation.evaluate import Evaluation
+    from ces_observer import model
+
+    ModelInput = model.Model | PathInput
+    SimulationInput = Simulation | model.Model | Callable[..., Any] | PathInput
+
+__all__ = [
+    "Calibration", "CesError", "Characteristics", "Comparison", "DamperModel", "Diagnosis", "Estimator", "Evaluation",
+    "Model", "Recording", "calibrate", "characterise", "compare", "diagnose", "identify", "simulate", "validate",
+]  # fmt: skip
+
+__getattr__ = import_on_use(
+    __name__,
+    {
+        "ces_gap.calibrate.calibration": ("Calibration",),
+        "ces_gap.diagnosis": ("Diagnosis",),
+        "ces_identify.characteristics.rows": ("Characteristics",),
+        "ces_identify.comparison.comparison": ("Comparison",),
+        "ces_identify.scripting.damper_model": ("DamperModel",),
+        "ces_identify.scripting.model": ("Model",),
+        "ces_identify.scripting.recording": ("Recording",),
+        "ces_identify.validation.evaluate": ("Evaluation",),
+    },
+)
+
+
+def identify(
+    recordings: RecordingInputs,
+    *,
+    validation: RecordingInputs = (),
+    structure: str = "polynomial",
+    signals: PathInput | None = None,
+    ignore_findings: bool = False,
+    **options: Any,
+) -> Model:
+    """Identify a model; neither the fit nor the selection sees the `validation` recordings.
+
+    `structure` is a name of `ces identify --structure`, or "auto": the best of several, or a mean. `options` are those
+    of the command line (`time`, `terms`, `split`, `delay`, ...). `signals` is the signals file of bags. Warns of what
+    looks wrong. Raises CesError if the recordings hold too little, have seconds in common, or would make a wrong model
+    (sign, units, delays), unless `ignore_findings`.
+    """
+    from ces_data.checks.check import check_together, require_sound
+    from ces_data.checks.content import require_distinct
+    from ces_data.reading import as_recordings
+    from ces_identify.identification import identify as identify_recordings
+    from ces_identify.options import choose_fit
+    from ces_identify.scripting.model import Model
+
+    how, fitter = choose_fit(structure, options)
+    given = as_recordings(recordings, signals)
+    held_out = as_recordings(validation, signals, required=False)
+    require_distinct(given, held_out)
+    findings = check_together([*given, *held_out])
+    require_sound(findings, ignore_findings)
+    for finding in findings:
+        warnings.warn(finding.text, stacklevel=2)
+    result = identify_recordings(given, held_out, how, fitter=fitter).require_explained(findings, ignore_findings)
+    return Model.of_result(result)
+
+
+def validate(model: ModelInput, recordings: RecordingInputs) -> Sequence[Evaluation]:
+    """Return the free run of a model on each recording, with its cost J [%] (`cost`) and RMS error (`rms_N`)."""
+    from ces_identify.scripting.model import Model
+
+    return Model.of(model).validate(recordings)
+
+
+def simulate(model: ModelInput, *given: Any) -> Any:
+    """Return the force [N] at every position sample, as `Model.simulate` does."""
+    from ces_identify.scripting.model import Model
+
+    return Model.of(model).simulate(*given)
+
+
+def compare(
+    models: Mapping[str, SimulationInput], recordings: RecordingInputs, *, part: tuple[float, float] = (0.0, 1.0)
+) -> Comparison:
+    """Compare models or other simulations, by name, on the same recordings.
+
+    Only the `part` (shares from 0 to 1) of each recording is scored. The result's `pairs` say of every two whether
+    their costs differ by more than chance, its `notes()` which costs are no test. Raises CesError for fewer than two.
+    """
+    from ces_data.reading import as_recordings, kind_of
+    from ces_identify.comparison.compared_models import make_compared_model
+    from ces_identify.comparison.comparison import compare as compare_models
+
+    if not isinstance(models, Mapping):
+        raise CesError(f"models: expected models by their names, as in {{'a': 'a.json'}}; got {kind_of(models)}")
+    named = [make_compared_model(name, _open(given)[0]) for name, given in models.items()]
+    return compare_models(named, as_recordings(recordings), part)
+
+
+def characterise(
+    recordings: RecordingInputs, *, simulations: Mapping[str, SimulationInput] | None = None
+) -> Characteristics:
+    """Return what a damper dyno shows of recordings, beside simulations by name."""
+    from ces_identify.characteristics.characterise import characterise as characterise_recordings
+
+    opened = {name: _open(given)[0] for name, given in (simulations or {}).items()}
+    return characterise_recordings(recordings, simulations=opened)
+
+
+def diagnose(
+    simulation: SimulationInput,
+    real: RecordingInputs,
+    *,
+    held_out: RecordingInputs = (),
+    reference: RecordingInputs = (),
+    progress: Callable[[str, float], None] | None = None,
+    **options: Any,
+) -> Diagnosis:
+    """Return where the gap of a simulation to `real` recordings lies and which effects cause it.
+
+    `simulation` is a model, a function of (time_s, position_m, current_A) that returns force_N, what `--sim` takes, or
+    any `Simulation`. `reference` recordings are free of the effect; `held_out` ones only judge (default: a part of
+    `real`). `progress` is called with a text and a share. `options` are `effects`, `threads`, `seed`, `tolerance`,
+    `experiment`. Raises CesError for what cannot be diagnosed.
+    """
+    from ces_data.reading import as_recordings
+    from ces_gap import pipeline
+    from ces_gap.inputs.checks import check_recordings
+    from ces_gap.progress import ignore_progress
+
+    how = _diagnose_options(options)
+    subject, name = _open(simulation)
+    recordings = as_recordings(real)
+    kept, references = (as_recordings(some, required=False) for some in (held_out, reference))
+    notes = check_recordings(recordings, kept, references)
+    result = pipeline.diagnose(subject, name, recordings, kept, references, how, progress or ignore_progress)
+    return replace(result, notes=(*notes, *result.notes))
+
+
+def calibrate(
+    simulation: SimulationInput,
+    real: RecordingInputs,
+    *,
+    held_out: RecordingInputs = (),
+    fit: Sequence[str] = (),
+    progress: Callable[[str, float], None] | None = None,
+) -> Calibration:
+    """Return the named parameters of a simulation fitted to `real` recordings, with intervals.
+
+    `fit` names some of them (NAME or NAME=LOW..HIGH); without it, all. Raises CesError if nothing can be fitted.
+    """
+    from ces_data.reading import as_recordings
+    from ces_gap.calibrate.calibration import calibrate as calibrate_simulation
+    from ces_gap.inputs.checks import check_recordings
+    from ces_gap.progress import ignore_progress
+
+    subject, name = _open(simulation)
+    recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
+    for note in check_recordings(recordings, kept, []):
+        warnings.warn(note, stacklevel=2)
+    return calibrate_simulation(subject, name, recordings, kept, fit, progress or ignore_progress)
+
+
+def _diagnose_options(given: Mapping[str, Any]) -> DiagnoseOptions:
+    """Return the options of a diagnosis; raises CesError for a name that none has."""
+    from ces_gap.pipeline import DiagnoseOptions
+
+    known = [field.name for field in fields(DiagnoseOptions)]
+    if unknown := [name for name in given if name not in known]:
+        raise CesError(f"{unknown[0]}: is no option of diagnose; expected one of {', '.join(known)}")
+    return DiagnoseOptions(**given)
+
+
+def _open(given: SimulationInput) -> tuple[Simulation, str]:
+    """Return a simulation, and the name that results give it. Raises CesError for anything else."""
+    from ces_cli.terminal.inputs import open_simulation
+    from ces_data.reading import as_path
+    from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
+    from ces_observer.model import Model
+
+    if isinstance(given, Simulation):
+        return given, str(getattr(given, "name", type(given).__name__))
+    if isinstance(given, Model):
+        return ModelSimulation(given), "model"
+    if callable(given):
+        name = f"{given.__module__}:{getattr(given, '__qualname__', 'function')}"
+        return FunctionSimulation(name, given), name
+    spec = given if isinstance(given, str) else str(as_path(given, "simulation"))
+    return open_simulation(spec), spec
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,107 @@
+"""A damper model with the interface of scikit-learn's estimators, so that its searches, scores and pipelines apply.
+
+scikit-learn is not needed: without it, this is a class with `fit`, `predict` and `score`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ces_data.arrays import F
+from ces_data.reading import SIGNALS, as_recordings
+from ces_data.recording import Recording as Logged
+from ces_identify.identification import identify
+from ces_identify.options import choose_fit
+from ces_identify.scripting.model import Model
+from ces_identify.scripting.recording import Recording
+from ces_identify.simulations.simulate import sample_run
+from ces_observer.errors import CesError
+
+try:
+    from sklearn.base import BaseEstimator, RegressorMixin
+except ImportError:
+
+    class RegressorMixin:  # type: ignore[no-redef]
+        """Nothing."""
+
+    class BaseEstimator:  # type: ignore[no-redef]
+        """Nothing."""
+
+
+COLUMNS = ("time_s", "position_m", "current_A")
+
+
+class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    """Identifies a model: `fit`, then `predict` its forces, `score` them.
+
+    Options are those of `ces identify`. X is a list of recordings, which hold the measured force, or an array or
+    DataFrame (n, 3) of times [s], positions [m] and currents [A], with forces y (n,) [N]. After a fit, `model_` is the
+    `Model`.
+
+        cross_val_score(DamperModel(terms=12), recordings, cv=3)
+    """
+
+    def __init__(self, structure: str = "auto", **options: Any) -> None:
+        self.structure = structure
+        self.options = options
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return the structure and the options that were given."""
+        return {"structure": self.structure, **self.options}
+
+    def set_params(self, **params: Any) -> Self:
+        """Change the structure, or options. Raises CesError for a name or value that no option has."""
+        self.structure = params.pop("structure", self.structure)
+        choose_fit(self.structure, params)
+        self.options = {**self.options, **params}
+        return self
+
+    def fit(self, X: Any, y: ArrayLike | None = None) -> Self:
+        """Identify the model on all of the recordings. Raises CesError if they hold too little."""
+        how, fitter = choose_fit(self.structure, {"split": 1.0, **self.options})
+        self.model_ = Model.of_result(identify(_as_recordings(X, y), (), how, fitter=fitter))
+        self.n_features_in_ = len(COLUMNS)
+        return self
+
+    def predict(self, X: Any) -> F | list[F]:
+        """Return the simulated force [N] (n,), or those of each recording, also in the warm-up, where it is a guess."""
+        forces = [self._force(recording) for recording in _as_recordings(X, needs_force=False)]
+        return forces if _is_list(X) else forces[0]
+
+    def score(self, X: Any, y: ArrayLike | None = None) -> float:
+        """Return 1 - (J / 100)^2 over all recordings, the share of the force's variance that the model explains."""
+        costs = [e.cost for e in self._fitted().validate(_as_recordings(X, y))]
+        return 1.0 - float(np.mean(np.square(costs))) * 1e-4
+
+    def _fitted(self) -> Model:
+        if not hasattr(self, "model_"):
+            raise CesError("this DamperModel is not fitted yet; call fit first")
+        model: Model = self.model_
+        return model
+
+    def _force(self, recording: Logged) -> F:
+        run = sample_run(self._fitted(), recording)
+        force = np.where(run.newest >= 0, run.run.force[run.newest], np.nan)
+        known = np.flatnonzero(np.isfinite(force))
+        return np.interp(np.arange(len(force)), known, force[known])
+
+
+def _is_list(X: Any) -> bool:
+    """Return whether X is a list of recordings, or one of them, and no array of rows."""
+    return isinstance(X, Logged | str) or (isinstance(X, Sequence) and not np.isscalar(X[0]) and np.ndim(X[0]) != 1)
+
+
+def _as_recordings(X: Any, y: ArrayLike | None = None, needs_force: bool = True) -> Sequence[Logged]:
+    """Return the recordings in X, or the one in its rows with the forces y. Raises CesError."""
+    if _is_list(X):
+        return as_recordings(X, need=SIGNALS if needs_force else SIGNALS[:2])
+    rows = np.asarray(X, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != len(COLUMNS):
+        raise CesError(f"X has shape {rows.shape}; expected (n, 3): {', '.join(COLUMNS)}; or a list of recordings")
+    if needs_force and y is None:
+        raise CesError("y is missing; expected the measured forces [N], (n,)")
+    return [Recording.from_arrays(rows[:, 0], rows[:, 1], rows[:, 2], y)]

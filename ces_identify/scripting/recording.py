@@ -1,0 +1,166 @@
+"""A recording as scripts and notebooks use it: from files and tables, cut, resampled, shown, written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ces_data import recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.frames import read_frame, to_frame
+from ces_data.log_formats import is_foreign
+from ces_data.reading import SIGNALS, PathInput, as_path, kind_of, read_log, read_recording
+from ces_data.recording import Channel
+from ces_data.samples import channel_stats
+from ces_data.signals_file import load_signals
+from ces_data.tables import HELD, hold, interpolate
+from ces_observer.errors import CesError, RecordingError
+from ces_report.table import Column, Table
+from ces_report.typesetting import format_range
+
+EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
+
+
+@dataclass(frozen=True, repr=False)
+class Recording(recording.Recording):
+    """The channels of one experiment by signal name, each with its own stamps; `len` is its position samples.
+
+    recording = Recording.load("bags/road").part(10, 20)
+    recording.to_frame().plot(subplots=True)
+    """
+
+    @classmethod
+    def of(cls, given: recording.Recording) -> Self:
+        """Return the same recording with these methods."""
+        return given if isinstance(given, cls) else cls(**{f.name: getattr(given, f.name) for f in fields(given)})
+
+    @classmethod
+    def load(cls, path: PathInput, *, signals: PathInput | None = None, mapping: PathInput | None = None) -> Self:
+        """Read a bag (with a signals file) or a log (with a mapping file, else its columns are found).
+
+        A measured force may be missing. Warns of what looks wrong; raises CesError for what cannot be used.
+        """
+        if mapping is not None or is_foreign(as_path(path, "recording")):
+            return cls.of(read_log(path, mapping=mapping))
+        return cls.of(read_recording(path, signals=signals, need=SIGNALS[:2]))
+
+    @classmethod
+    def from_frame(cls, table: Any, *, columns: Mapping[str, Any] | None = None, name: str = "") -> Self:
+        """Return the recording in a pandas DataFrame or a mapping of arrays.
+
+        Time (column or index), position, current and force are found by name, unit and numbers, as `ces import` does,
+        or named: `columns={"position": {"column": "x", "unit": "mm"}, "current": 0.5}`. Raises CesError.
+        """
+        return cls.of(read_frame(table, columns=columns, need=SIGNALS[:2], name=name))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time_s: ArrayLike,
+        position_m: ArrayLike,
+        current_A: ArrayLike,
+        force_N: ArrayLike | None = None,
+        *,
+        name: str = "",
+    ) -> Self:
+        """Return a recording of arrays of shape (n,), of which all but the time may be one number."""
+        time = _as_numbers("time_s", time_s)
+        if not np.isfinite(time).all():
+            raise RecordingError(f"time_s: is {time[~np.isfinite(time)][0]} in a row; expected seconds")
+        if (np.diff(time) < 0.0).any():
+            row = int(np.argmax(np.diff(time) < 0.0)) + 1
+            raise RecordingError(f"time_s: runs backwards in row {row}, from {time[row - 1]:g} s to {time[row]:g} s")
+        stamps = EPOCH_NS + np.rint(time * 1e9).astype(np.int64)
+        given = {"position": ("m", position_m), "current": ("A", current_A), "force": ("N", force_N)}
+        channels = {
+            signal: Channel(signal, unit, stamps, _as_numbers(signal, values, len(stamps)))
+            for signal, (unit, values) in given.items()
+            if values is not None
+        }
+        return cls(name or "recording", channels)
+
+    def __len__(self) -> int:
+        return len(self.channels["position"]) if "position" in self.channels else 0
+
+    @property
+    def duration_s(self) -> float:
+        """Time [s] from the first to the last position sample."""
+        return float(np.ptp(self.channel("position").stamps_ns)) * 1e-9 if len(self) else 0.0
+
+    def to_frame(self) -> Any:
+        """Return a DataFrame on the position's times [s]; a unit ends each name, after `_held` or `_interp` if so."""
+        return to_frame(self)
+
+    def part(self, from_s: float = 0.0, to_s: float = float("inf")) -> Self:
+        """Return the samples from `from_s` up to `to_s` after the first position sample. Raises RecordingError."""
+        if not 0.0 <= from_s < to_s:
+            raise RecordingError(f"part({from_s:g}, {to_s:g}): expected 0 <= from_s < to_s")
+        if from_s > self.duration_s:
+            raise RecordingError(f"part({from_s:g}, {to_s:g}): {self.name} has {self.duration_s:.3f} s")
+        begin, (low, high) = int(self.channel("position").stamps_ns.min()), (1e9 * from_s, 1e9 * to_s)
+        channels = {
+            name: channel.select((channel.stamps_ns - begin >= low) & (channel.stamps_ns - begin < high))
+            for name, channel in self.channels.items()
+        }
+        whole = from_s == 0.0 and to_s > self.duration_s
+        span = f"{from_s:g}-{min(to_s, self.duration_s):.3g} s"
+        return self if whole else replace(self, name=f"{self.name} {span}", channels=channels, sha256="")
+
+    def resample(self, rate_Hz: float) -> Self:
+        """Return the recording with all channels on even times: currents held, others interpolated, no gap bridged."""
+        if not 0.0 < rate_Hz <= 1e6:
+            raise RecordingError(f"resample({rate_Hz:g}): expected a rate from 0 to 1e6 Hz")
+        position = self.channel("position").in_order()
+        count = int(np.floor(np.ptp(position.stamps_ns) * 1e-9 * rate_Hz)) + 1
+        stamps = position.stamps_ns[0] + np.rint(np.arange(count) * (1e9 / rate_Hz)).astype(np.int64)
+        channels = {}
+        for name, channel in self.channels.items():
+            values, missing = (hold if name in HELD else interpolate)(channel.in_order(), stamps)
+            channels[name] = replace(channel, stamps_ns=stamps, values=values).select(~missing)
+        return replace(self, channels=channels, sha256="")
+
+    def save(self, path: PathInput, *, overwrite: bool = False) -> None:
+        """Write a rosbag2 folder with the topics of the packaged signals file. Raises CesError."""
+        write_bag(as_path(path, "path"), recording_topics(self, load_signals()), overwrite=overwrite)
+
+    def __repr__(self) -> str:
+        return f"{self._describe()}\n{self._table()}"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{self._describe()}</p>{self._table().to_html()}"
+
+    def _describe(self) -> str:
+        constants = "".join(f", {name} {value:g}" for name, value in self.constants.items())
+        return f"Recording {self.name}: {self.duration_s:.3f} s{constants}"
+
+    def _table(self) -> Table[Channel]:
+        def limits(c: Channel) -> str:
+            stats = channel_stats(c)
+            return format_range(stats.low, stats.high) if len(c) else "-"
+
+        columns: list[Column[Channel]] = [
+            Column("Signal", lambda c: c.name),
+            Column("Unit", lambda c: c.unit),
+            Column("Samples", lambda c: str(len(c)), figure=True),
+            Column("Rate [Hz]", lambda c: f"{channel_stats(c).rate_Hz:.4g}", figure=True),
+            Column("Range", limits, figure=True),
+        ]
+        return Table(columns, list(self.channels.values()))
+
+
+def _as_numbers(name: str, values: ArrayLike, count: int = 0) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return an array (n,) of numbers; one number fills `count` rows. Raises CesError."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise CesError(f"{name}: expected an array of numbers; got {kind_of(values)}") from None
+    array = np.full(count, float(array)) if count and not array.ndim else array
+    if array.ndim != 1:
+        raise CesError(f"{name}: has shape {array.shape}; expected (n,)")
+    if count and len(array) != count:
+        raise CesError(f"{name}: has {len(array)} values for {count} times; expected as many, or one number")
+    return array
