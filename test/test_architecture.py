@@ -40,8 +40,8 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     ),
     "ces_rig": ("errors drive sensors dampers experiments withheld blind live loop"),
     "ces_gap": (
-        "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference calibrate "
-        "experiment regions diagnosis report pipeline api fleet"
+        "limits progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
+        "calibrate experiment regions diagnosis report pipeline api fleet"
     ),
     "ces_cli": ("terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema main"),
 }
@@ -70,7 +70,7 @@ MAX_PACKAGE = {
     "ces_report": 11.5,
     "ces_identify": 169.4,
     "ces_rig": 76.8,
-    "ces_gap": 127.4,
+    "ces_gap": 128.6,
     "ces_cli": 66.4,
     "bench": 79.9,
     "test": 477,
