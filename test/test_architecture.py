@@ -67,8 +67,8 @@ ALLOWED = {
 MAX_PACKAGE = {
     "ces_observer": 139.9,
     "ces_data": 86,
-    "ces_report": 11.5,
-    "ces_identify": 169.4,
+    "ces_report": 12.7,
+    "ces_identify": 168.3,
     "ces_rig": 76.8,
     "ces_gap": 128.6,
     "ces_cli": 66.4,
