@@ -17,6 +17,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ces_observer.errors import CesError
@@ -102,39 +103,52 @@ def validate(model: ModelInput, recordings: RecordingInputs) -> Sequence[Evaluat
     return Model.of(model).validate(recordings)
 
 
-def simulate(model: ModelInput, *given: Any) -> Any:
+def simulate(model: ModelInput, recording: Any, *given: Any) -> Any:
     """Return the force [N] at every position sample, as `Model.simulate` does."""
     from ces_identify.scripting.model import Model
 
-    return Model.of(model).simulate(*given)
+    return Model.of(model).simulate(recording, *given)
 
 
 def compare(
-    models: Mapping[str, SimulationInput], recordings: RecordingInputs, *, part: tuple[float, float] = (0.0, 1.0)
+    models: Mapping[str, SimulationInput],
+    recordings: RecordingInputs,
+    *,
+    part: tuple[float, float] = (0.0, 1.0),
+    report: PathInput | None = None,
 ) -> Comparison:
-    """Compare models or other simulations, by name, on the same recordings.
+    """Compare models or other simulations, by name, on the same recordings; write the page to `report`, if given.
 
     Only the `part` (shares from 0 to 1) of each recording is scored. The result's `pairs` say of every two whether
     their costs differ by more than chance, its `notes()` which costs are no test. Raises CesError for fewer than two.
     """
-    from ces_data.reading import as_recordings, kind_of
+    from ces_data.reading import as_path, as_recordings
     from ces_identify.comparison.compared_models import make_compared_model
     from ces_identify.comparison.comparison import compare as compare_models
+    from ces_identify.comparison.comparison_report import write_comparison
 
-    if not isinstance(models, Mapping):
-        raise CesError(f"models: expected models by their names, as in {{'a': 'a.json'}}; got {kind_of(models)}")
-    named = [make_compared_model(name, _open(given)[0]) for name, given in models.items()]
-    return compare_models(named, as_recordings(recordings), part)
+    named = [make_compared_model(name, simulation) for name, simulation in _open_named("models", models).items()]
+    result = compare_models(named, as_recordings(recordings), part)
+    if report is not None:
+        write_comparison(as_path(report, "report"), result, "")
+    return result
 
 
 def characterise(
-    recordings: RecordingInputs, *, simulations: Mapping[str, SimulationInput] | None = None
+    recordings: RecordingInputs,
+    *,
+    simulations: Mapping[str, SimulationInput] | None = None,
+    out: PathInput | None = None,
 ) -> Characteristics:
-    """Return what a damper dyno shows of recordings, beside simulations by name."""
+    """Return what a damper dyno shows of recordings, beside simulations by name; write page and CSV files to `out`."""
+    from ces_data.reading import as_path
     from ces_identify.characteristics.characterise import characterise as characterise_recordings
+    from ces_identify.characteristics.page import write_characteristics
 
-    opened = {name: _open(given)[0] for name, given in (simulations or {}).items()}
-    return characterise_recordings(recordings, simulations=opened)
+    result = characterise_recordings(recordings, simulations=_open_named("simulations", simulations or {}))
+    if out is not None:
+        write_characteristics(as_path(out, "out"), result)
+    return result
 
 
 def diagnose(
@@ -143,6 +157,7 @@ def diagnose(
     *,
     held_out: RecordingInputs = (),
     reference: RecordingInputs = (),
+    out: PathInput | None = None,
     progress: Callable[[str, float], None] | None = None,
     **options: Any,
 ) -> Diagnosis:
@@ -151,12 +166,15 @@ def diagnose(
     `simulation` is a model, a function of (time_s, position_m, current_A) that returns force_N, what `--sim` takes, or
     any `Simulation`. `reference` recordings are free of the effect; `held_out` ones only judge (default: a part of
     `real`). `progress` is called with a text and a share. `options` are `effects`, `threads`, `seed`, `tolerance`,
-    `experiment`. Raises CesError for what cannot be diagnosed.
+    `experiment`, `fit`. `out` is a folder for gap.json, augmented.json, report.html and the next experiment. Raises
+    CesError for what cannot be diagnosed.
     """
     from ces_data.reading import as_recordings
     from ces_gap import pipeline
+    from ces_gap.augmented import name_simulation
     from ces_gap.inputs.checks import check_recordings
     from ces_gap.progress import ignore_progress
+    from ces_gap.report.result_files import result_files
 
     how = _diagnose_options(options)
     subject, name = _open(simulation)
@@ -164,7 +182,11 @@ def diagnose(
     kept, references = (as_recordings(some, required=False) for some in (held_out, reference))
     notes = check_recordings(recordings, kept, references)
     result = pipeline.diagnose(subject, name, recordings, kept, references, how, progress or ignore_progress)
-    return replace(result, notes=(*notes, *result.notes))
+    result = replace(result, notes=(*notes, *result.notes))
+    if out is not None:
+        roles = (("real", recordings), ("held_out", kept), ("reference", references))
+        _write(out, lambda folder: result_files(result, name_simulation(name, folder), roles))
+    return result
 
 
 def calibrate(
@@ -172,33 +194,68 @@ def calibrate(
     real: RecordingInputs,
     *,
     held_out: RecordingInputs = (),
-    fit: Sequence[str] = (),
+    fit: str | Sequence[str] = (),
+    out: PathInput | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Calibration:
     """Return the named parameters of a simulation fitted to `real` recordings, with intervals.
 
-    `fit` names some of them (NAME or NAME=LOW..HIGH); without it, all. Raises CesError if nothing can be fitted.
+    `fit` names some of them (NAME or NAME=LOW..HIGH); without it, all. `out` is a folder for calibrated.json and
+    report.html. Raises CesError if nothing can be fitted.
     """
     from ces_data.reading import as_recordings
+    from ces_gap.augmented import name_simulation
     from ces_gap.calibrate.calibration import calibrate as calibrate_simulation
     from ces_gap.inputs.checks import check_recordings
     from ces_gap.progress import ignore_progress
+    from ces_gap.report.calibration import calibration_files
 
     subject, name = _open(simulation)
     recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
     for note in check_recordings(recordings, kept, []):
         warnings.warn(note, stacklevel=2)
-    return calibrate_simulation(subject, name, recordings, kept, fit, progress or ignore_progress)
+    names = [fit] if isinstance(fit, str) else fit
+    result = calibrate_simulation(subject, name, recordings, kept, names, progress or ignore_progress)
+    if out is not None:
+        used = {"real": recordings, "held_out": kept}
+        _write(out, lambda folder: calibration_files(result, name_simulation(name, folder), used, {}))
+    return result
 
 
 def _diagnose_options(given: Mapping[str, Any]) -> DiagnoseOptions:
     """Return the options of a diagnosis; raises CesError for a name that none has."""
+    from ces_cli.diagnose.program import OPTIONS
+    from ces_gap.effects.effect import Effect
     from ces_gap.pipeline import DiagnoseOptions
 
     known = [field.name for field in fields(DiagnoseOptions)]
     if unknown := [name for name in given if name not in known]:
         raise CesError(f"{unknown[0]}: is no option of diagnose; expected one of {', '.join(known)}")
-    return DiagnoseOptions(**given)
+    for option in OPTIONS:
+        if given.get(option.name) is not None and option.kind in (int, float):
+            option.check(given[option.name])
+    if not all(isinstance(effect, Effect) for effect in given.get("effects", ())):
+        raise CesError("effects: expected effects of your own (ces_gap.Effect); the library's are always tried")
+    share = {"tolerance": 0.01 * given["tolerance"]} if given.get("tolerance") is not None else {}
+    return DiagnoseOptions(**{**given, **share})
+
+
+def _write(out: PathInput, make: Callable[[Path], Mapping[str, str]]) -> None:
+    """Write files into a folder, all or none."""
+    from ces_data.reading import as_path
+    from ces_observer.json_text import write_all_atomically
+
+    folder = as_path(out, "out")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_all_atomically({folder / name: text for name, text in make(folder).items()})
+
+
+def _open_named(name: str, given: Mapping[str, SimulationInput]) -> dict[str, Simulation]:
+    from ces_data.reading import kind_of
+
+    if not isinstance(given, Mapping):
+        raise CesError(f"{name}: expected simulations by their names, as in {{'a': 'a.json'}}; got {kind_of(given)}")
+    return {own: _open(simulation)[0] for own, simulation in given.items()}
 
 
 def _open(given: SimulationInput) -> tuple[Simulation, str]:

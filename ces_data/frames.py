@@ -35,6 +35,10 @@ def read_frame(
     found by names, units and numbers, as `ces import` finds them. `columns` names those that are not found: each a
     column's name, a constant in SI units, or what a mapping file holds for a signal. Raises RecordingError.
     """
+    if not is_table(table):
+        raise CesError(f"{name or 'table'}: expected a DataFrame or a mapping of arrays; got a {type(table).__name__}")
+    if not isinstance(columns or {}, Mapping):
+        raise CesError(f"columns: expected columns by signal; {EXAMPLE}")
     name = name or (NAME if is_frame(table) else "arrays")
     log = FrameTable(table, name)
     proposal = propose_for(log)

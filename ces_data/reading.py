@@ -66,6 +66,8 @@ def as_recordings(
             recordings.append(one)
         elif is_table(one):
             recordings.append(_check(read_frame(one, need=need)))
+        elif not isinstance(one, str | os.PathLike):
+            raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(one)}")
         elif is_foreign(path := as_path(one, "recording")):
             recordings.append(read_log(path))
         else:

@@ -5,7 +5,8 @@ lack), `baseline` (what the simulation gets wrong without any effect), `inputs` 
 effects, how sure), `regions` (in which stroke, speed, current ...), `experiment` (what to record next), `augmented`
 (the repaired simulation as a file), `report` (page and gap.json), `fleet` (many diagnoses). `pipeline` runs them.
 
-The names below are the public interface; they are imported when they are first used.
+The names below are what effects of a user's own need; they are imported when they are first used. `import ces` gives
+the rest.
 """
 
 from typing import TYPE_CHECKING
@@ -13,26 +14,8 @@ from typing import TYPE_CHECKING
 from ces_observer.lazy_names import import_on_use
 
 if TYPE_CHECKING:
-    from ces_gap.api import diagnose, write_diagnosis
-    from ces_gap.baseline.identified import identify_baseline
-    from ces_gap.diagnosis import Diagnosis
     from ces_gap.effects.effect import CELL, FLUID, MOTION, PARALLEL, SENSOR, VALVE, Effect, EffectParameter
-    from ces_gap.pipeline import DiagnoseOptions
 
-__getattr__ = import_on_use(
-    __name__,
-    {
-    "ces_gap.api": ("diagnose", "write_diagnosis"),
-    "ces_gap.baseline.identified": ("identify_baseline",),
-    "ces_gap.diagnosis": ("Diagnosis",),
-    "ces_gap.effects.effect": (
-        "CELL", "FLUID", "MOTION", "PARALLEL", "SENSOR", "VALVE", "Effect", "EffectParameter",
-    ),
-    "ces_gap.pipeline": ("DiagnoseOptions",),
-    },
-)  # fmt: skip
+__all__ = ["CELL", "FLUID", "MOTION", "PARALLEL", "SENSOR", "VALVE", "Effect", "EffectParameter"]
 
-__all__ = [
-    "CELL", "FLUID", "MOTION", "PARALLEL", "SENSOR", "VALVE", "DiagnoseOptions", "Diagnosis", "Effect",
-    "EffectParameter", "diagnose", "identify_baseline", "write_diagnosis",
-]  # fmt: skip
+__getattr__ = import_on_use(__name__, {"ces_gap.effects.effect": __all__})

@@ -2,15 +2,14 @@
 
     python examples/gap_of_a_simulator.py out_folder
 
-Replace `my_damper` by your simulator and `record` by `ces_identify.read_recording("my_bag")`.
+Replace `my_damper` by your simulator and `record` by `ces.Recording.load("my_bag")`.
 """
 
 import sys
 
 import numpy as np
 
-from ces_gap import DiagnoseOptions, diagnose, write_diagnosis
-from ces_identify import Recording, make_recording
+import ces
 
 RATE_Hz, NOISE_N, FRICTION_N = 250.0, 5.0, 60.0
 
@@ -20,7 +19,7 @@ def my_damper(time_s: np.ndarray, position_m: np.ndarray, current_A: np.ndarray)
     return (800.0 + 1200.0 * current_A) * np.gradient(position_m, time_s)
 
 
-def record(seed: int, friction_N: float, seconds: float = 12.0) -> Recording:
+def record(seed: int, friction_N: float, seconds: float = 12.0) -> ces.Recording:
     """Return a synthetic recording of the damper with seal friction."""
     random = np.random.default_rng(seed)
     time_s = np.arange(round(seconds * RATE_Hz)) / RATE_Hz
@@ -29,15 +28,15 @@ def record(seed: int, friction_N: float, seconds: float = 12.0) -> Recording:
     current_A = 0.6 + 0.3 * np.sign(np.sin(2 * np.pi * 0.7 * time_s + seed))
     friction = friction_N * np.tanh(np.gradient(position_m, time_s) / 0.01)
     force_N = my_damper(time_s, position_m, current_A) + friction + random.normal(0.0, NOISE_N, len(time_s))
-    return make_recording(time_s, position_m, current_A, force_N, name=f"run {seed}")
+    return ces.Recording.from_arrays(time_s, position_m, current_A, force_N, name=f"run {seed}")
 
 
 def main(folder: str) -> str:
     """Return the verdict in a sentence."""
     new, worn = record(1, friction_N=0.0), [record(2, FRICTION_N), record(3, FRICTION_N)]
-    diagnosis = diagnose(my_damper, worn, reference=[new], options=DiagnoseOptions(experiment=False))
+    diagnosis = ces.diagnose(my_damper, worn, reference=[new], experiment=False, out=folder)
     print(diagnosis.sentence)
-    print("written:", *write_diagnosis(diagnosis, folder))
+    print("written:", folder)
     return diagnosis.sentence
 
 

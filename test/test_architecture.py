@@ -22,6 +22,7 @@ MAY_IMPORT = {  # ces_gap and ces_rig never know each other
     "ces_rig": "ces_observer ces_data ces_report ces_identify",
     "ces_gap": "ces_observer ces_data ces_report ces_identify",
     "ces_cli": "ces_observer ces_data ces_report ces_identify ces_rig ces_gap",
+    "ces": "ces_observer ces_data ces_report ces_identify ces_rig ces_gap ces_cli",
 }
 ROOMS = {  # folders and modules of each package from the bottom up: each imports only what stands before it
     "ces_observer": (
@@ -31,17 +32,17 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     ),
     "ces_data": (
         "limits arrays compilation recording integration config_file log_formats units bags findings samples "
-        "signals_file logs checks mapping reading tables"
+        "signals_file logs checks mapping tables frames reading"
     ),
     "ces_report": ("typesetting table drawing shell figure plot"),
     "ces_identify": (
         "limits jobs numerics schema_files prepare polynomial training physical structures options export "
-        "simulations characteristics validation comparison identification report campaign api"
+        "simulations characteristics validation comparison identification report campaign scripting"
     ),
     "ces_rig": ("errors drive sensors dampers experiments withheld blind live loop"),
     "ces_gap": (
         "limits progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
-        "calibrate experiment regions diagnosis report pipeline api fleet"
+        "calibrate experiment regions diagnosis report pipeline fleet"
     ),
     "ces_cli": ("terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema main"),
 }

@@ -20,8 +20,8 @@ import pytest
 from doc_pages import QUICK_EFFECTS, ROOT, PageRunner, in_folder, make_parser, make_standard_files
 from programs import NO_SHORT_FITS, run_here
 
+import ces
 import ces_gap.pipeline
-import ces_identify.api
 from bench.reference.__main__ import NOTE
 from bench.reference.__main__ import PAGES as REFERENCE
 from bench.write_tables import find_tables
@@ -70,14 +70,14 @@ def shorten(patch: pytest.MonkeyPatch) -> None:
     """Let examples in Python search for a second, fits of other structures be left out, diagnoses fit two effects."""
     effects = tuple(library_effect(*one) for one in QUICK_EFFECTS)
     patch.setattr(ces_gap.pipeline, "library", lambda: effects)
-    identify = ces_identify.api.identify
+    identify = ces.identify
 
     def identify_quickly(*recordings: Any, **options: Any) -> Any:
         if options.get("structure", "auto") == "auto":
             options |= {"structure": "polynomial", "terms": 3}
         return identify(*recordings, **{**options, "time": 1.0, "starts": 1, "band": False})
 
-    patch.setattr(ces_identify.api, "identify", identify_quickly)
+    patch.setattr(ces, "identify", identify_quickly)
     patch.setattr("ces_identify.jobs.run_in_processes", run_here)
     patch.setattr(*NO_SHORT_FITS)
     patch.setenv("MPLBACKEND", "Agg")

@@ -59,7 +59,7 @@ def test_colcon_gets_the_nodes_and_every_program() -> None:
 def test_packages_are_ours_without_tests() -> None:
     found = arguments("")["packages"]
     assert isinstance(found, list)
-    assert {"ces_observer", "ces_identify", "ces_rig", "ces_gap", "ces_cli"} <= set(found)
+    assert {"ces", "ces_observer", "ces_identify", "ces_rig", "ces_gap", "ces_cli"} <= set(found)
     assert all(name.startswith("ces_") for name in found)
 
 

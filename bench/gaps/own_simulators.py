@@ -15,16 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import ces
 from bench.gaps.users_dampers import SIMULATORS, record
 from bench.markdown import markdown
-from ces_gap.api import diagnose
 from ces_gap.calibrate.parameters import NAME as PARAMETERS
 from ces_gap.diagnosis import NAMED, NO_GAP, Diagnosis, Explanation
 from ces_gap.effects.effect import Composition
 from ces_gap.effects.library import library
 from ces_gap.grid import rms
 from ces_gap.inference.verdict import TIMING
-from ces_gap.pipeline import DiagnoseOptions
 from ces_identify.simulations.simulation import FunctionSimulation
 
 EFFECTS = {
@@ -109,7 +108,7 @@ def run(case: Case) -> Outcome:
     missing = {EFFECTS[case.effect][0]: case.size} if case.effect else {}
     made = [record(case.kind, case.values, case.seed + k, SECONDS, **missing) for k in range(3)]
     simulation, begun = FunctionSimulation(case.kind, SIMULATORS[case.kind]), time.monotonic()
-    d = diagnose(simulation, made[:2], held_out=made[2:], options=DiagnoseOptions(experiment=False))
+    d = ces.diagnose(simulation, made[:2], held_out=made[2:], experiment=False)
     together = d.composition if d.verdict != NO_GAP else Explanation((), (), Composition(), (), 0.0, 0.0, (0.0, 0.0))
     parts = dict(zip(together.effects, together.estimates, strict=True))
     freed = {e.name: e.ci95 for e in parts.get(PARAMETERS, ())}

@@ -105,7 +105,7 @@ class Model(model.Model):
         Each stroke begins at rest, as far from the middle as the speed [m/s] goes in half the stroke that the model
         knows. Raises CesError for speeds or currents [A] outside the model's envelope.
         """
-        at, v = (np.atleast_1d(np.asarray(values, dtype=np.float64)) for values in (currents, speeds))
+        at, v = _as_numbers("currents", currents), _as_numbers("speeds", speeds)
         for name, values, unit in (("current", at, "A"), ("speed", v, "m/s")):
             low, high = self.envelope.by_signal[name]
             if not ((low <= values) & (values <= high)).all():
@@ -202,6 +202,17 @@ class Model(model.Model):
             for (name, (low, high)), unit in zip(self.envelope.by_signal.items(), ("m", "m/s", "A"), strict=True)
         )
         return f"{self.structure}: {describe_size(self)} at {self.sampling.rate_Hz:g} Hz, {proof}\nknows {knows}"
+
+
+def _as_numbers(name: str, given: ArrayLike) -> F:
+    """Return numbers (n,), at least one; raises CesError."""
+    try:
+        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.ndim != 1 or not len(values):
+        raise CesError(f"{name}: expected numbers; got {given!r}")
+    return values
 
 
 def _only(recordings: Sequence[recording.Recording]) -> recording.Recording:

@@ -22,6 +22,7 @@ from ces_observer.errors import CesError, RecordingError
 from ces_report.table import Column, Table
 from ces_report.typesetting import format_range
 
+MAX_RATE_HZ = 1e6  # [Hz] a stamp is a whole number of ns
 EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
 
 
@@ -70,7 +71,8 @@ class Recording(recording.Recording):
         """Return a recording of arrays of shape (n,), of which all but the time may be one number."""
         time = _as_numbers("time_s", time_s)
         if not np.isfinite(time).all():
-            raise RecordingError(f"time_s: is {time[~np.isfinite(time)][0]} in a row; expected seconds")
+            row = int(np.argmin(np.isfinite(time)))
+            raise RecordingError(f"time_s: is {time[row]} in row {row}; expected seconds")
         if (np.diff(time) < 0.0).any():
             row = int(np.argmax(np.diff(time) < 0.0)) + 1
             raise RecordingError(f"time_s: runs backwards in row {row}, from {time[row - 1]:g} s to {time[row]:g} s")
@@ -97,8 +99,8 @@ class Recording(recording.Recording):
 
     def part(self, from_s: float = 0.0, to_s: float = float("inf")) -> Self:
         """Return the samples from `from_s` up to `to_s` after the first position sample. Raises RecordingError."""
-        if not 0.0 <= from_s < to_s:
-            raise RecordingError(f"part({from_s:g}, {to_s:g}): expected 0 <= from_s < to_s")
+        if not all(isinstance(end, int | float) for end in (from_s, to_s)) or not 0.0 <= from_s < to_s:
+            raise RecordingError(f"part({from_s}, {to_s}): expected 0 <= from_s < to_s")
         if from_s > self.duration_s:
             raise RecordingError(f"part({from_s:g}, {to_s:g}): {self.name} has {self.duration_s:.3f} s")
         begin, (low, high) = int(self.channel("position").stamps_ns.min()), (1e9 * from_s, 1e9 * to_s)
@@ -112,8 +114,8 @@ class Recording(recording.Recording):
 
     def resample(self, rate_Hz: float) -> Self:
         """Return the recording with all channels on even times: currents held, others interpolated, no gap bridged."""
-        if not 0.0 < rate_Hz <= 1e6:
-            raise RecordingError(f"resample({rate_Hz:g}): expected a rate from 0 to 1e6 Hz")
+        if not isinstance(rate_Hz, int | float) or not 0.0 < rate_Hz <= MAX_RATE_HZ:
+            raise RecordingError(f"resample({rate_Hz}): expected a rate above 0, up to {MAX_RATE_HZ:g} Hz")
         position = self.channel("position").in_order()
         count = int(np.floor(np.ptp(position.stamps_ns) * 1e-9 * rate_Hz)) + 1
         stamps = position.stamps_ns[0] + np.rint(np.arange(count) * (1e9 / rate_Hz)).astype(np.int64)

@@ -7,7 +7,7 @@ import numpy as np
 from made_recordings import recording_of
 
 from bench import gallery
-from ces_identify import validate, write_recording
+from ces import Recording, validate
 
 MODEL = Path(__file__).resolve().parents[2] / "config" / "models" / "sample.json"
 TIME = np.arange(0.0, 6.0, 1e-3)
@@ -25,7 +25,7 @@ def test_a_damper_has_a_row_for_each_structure_and_a_picture(tmp_path, monkeypat
             fit = tmp_path / f"d_{structure}"
             (fit / "recordings").mkdir(parents=True, exist_ok=True)
             shutil.copy(MODEL, fit / "model.json")
-            write_recording(made, fit / "recordings" / name)
+            Recording.of(made).save(fit / "recordings" / name)
     gallery.main([str(tmp_path), "--fits", str(tmp_path), "--pictures", str(tmp_path)])
     rows = [row.strip("|").split("|") for row in capsys.readouterr().out.splitlines()[2:]]
     assert [row[1] for row in rows] == ["polynomial", "auto: polynomial"]

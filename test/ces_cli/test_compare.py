@@ -8,9 +8,9 @@ import programs
 import pytest
 from browser import find_faults, open_page
 
+from ces_data.reading import read_recording
 from ces_gap.augmented import save_augmented
 from ces_gap.effects.effect import Composition
-from ces_identify import read_recording
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).parents[2]

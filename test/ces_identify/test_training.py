@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, SAMPLING, planted, with_values
 
-import ces_identify
+import ces
 from ces_identify.identification import identify
 from ces_identify.numerics.search import Limits
 from ces_identify.prepare.cost import cost
@@ -114,7 +114,7 @@ def test_counts_are_ticks_at_every_rate(rate_Hz):
 )
 def test_a_wrong_size_is_one_line_in_a_script(structure, size, message):
     with pytest.raises(CesError, match=message):
-        ces_identify.identify(planted(NETWORK, 1), structure=structure, **size)
+        ces.identify(planted(NETWORK, 1), structure=structure, **size)
 
 
 def test_a_constant_current_alone_leaves_nothing_to_use():

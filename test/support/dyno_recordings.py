@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ces_identify import make_recording
+from ces import Recording
 from ces_rig.experiments.strokes import make_stroke
 
 RATE = 1000.0
@@ -30,7 +30,7 @@ def recording_of(t, x, current, force, noise_N=0.0, noise_m=0.0, seed=1, name="d
     rng = np.random.default_rng(seed)
     position = x + noise_m * rng.standard_normal(len(t))
     currents = np.broadcast_to(np.asarray(current, np.float64), t.shape)
-    return make_recording(t, position, currents, force + noise_N * rng.standard_normal(len(t)), name=name)
+    return Recording.from_arrays(t, position, currents, force + noise_N * rng.standard_normal(len(t)), name=name)
 
 
 def lagging_force(t, steady, changes, time_constant_s, dead_time_s):

@@ -11,6 +11,7 @@ import pytest
 from programs import NO_SHORT_FITS
 from samplings import make_sampling
 
+import ces
 from ces_cli import compare
 from ces_cli.bags import characterise, export_data, import_, info
 from ces_cli.identify import program, validate
@@ -20,9 +21,6 @@ from ces_data.checks.check import check_recording
 from ces_data.checks.content import recording_marks
 from ces_data.recording import Channel, Recording
 from ces_data.signals_file import load_signals
-from ces_identify import api
-from ces_identify.numerics.search import Limits
-from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model
 from ces_observer.signals import Signals
@@ -88,15 +86,15 @@ def test_identify_refuses_a_wrong_model_and_force_goes_on(bags, tmp_path, capsys
 
 
 def test_the_api_refuses_the_same_and_goes_on(bags):
-    options = IdentifyOptions(1.0, limits=Limits(2, 60.0, 60.0, 1, 1, 1), band=False)
+    options = {"split": 1.0, "terms": 2, "time": 60.0, "target": 60.0, "starts": 1, "threads": 1, "band": False}
     with pytest.raises(CesError, match="for identification and for validation"):
-        api.identify([ride()], validation=[ride("copy")], options=options)
+        ces.identify([ride()], validation=[ride("copy")], **options)
     with pytest.raises(CesError, match="acts with the motion"):
-        api.identify([ride(force=-1.0)], options=options)
+        ces.identify([ride(force=-1.0)], **options)
     with pytest.warns(match="acts with the motion"):
-        result = api.identify([ride(force=-1.0)], options=options, ignore_findings=True)
-    assert len(result.model.provenance["forced"]) == 1
-    (row,) = result.model.provenance["identification"]
+        result = ces.identify([ride(force=-1.0)], **options, ignore_findings=True)
+    assert len(result.provenance["forced"]) == 1
+    (row,) = result.provenance["identification"]
     assert row["marks"].split() == recording_marks(ride(force=-1.0))
 
 

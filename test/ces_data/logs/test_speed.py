@@ -6,13 +6,13 @@ import numpy as np
 import proposal_bags as bags
 import pytest
 
+from ces import Recording as DeskRecording
 from ces_cli.bags import import_
 from ces_cli.terminal import terminal
 from ces_data.bags.reader import RecordingWarning, read_recording
 from ces_data.checks.derivatives import compare_derivative
 from ces_data.reading import read_log
 from ces_data.signals_file import load_signals
-from ces_identify import make_recording
 from ces_identify.prepare.sampling import choose_motion
 from ces_observer.errors import RecordingError
 
@@ -83,4 +83,4 @@ def test_a_force_against_a_speed_alone_is_named_with_a_remedy_that_works(tmp_pat
 
 def test_a_measured_speed_that_is_not_there_is_refused():
     with pytest.raises(RecordingError, match="no measured speed; describe 'speed' in the signals file"):
-        choose_motion([make_recording(T, X, CURRENT, F)], "measured")
+        choose_motion([DeskRecording.from_arrays(T, X, CURRENT, F)], "measured")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ces_identify import read_log
+from ces_data.reading import read_log
 from ces_identify.characteristics.characterise import characterise
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -9,9 +9,8 @@ import pytest
 from browser import find_faults
 from dyno_recordings import recording_of, sine_motion, triangle_motion
 
-import ces_identify
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import MAX_ROWS, choose_rows, format_page, peak_table
+from ces_identify.characteristics.page import MAX_ROWS, choose_rows, format_page, peak_table, write_characteristics
 from ces_identify.characteristics.rows import TABLES
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_report.typesetting import format_spread
@@ -37,7 +36,7 @@ def results():
 
 
 def test_tables_have_documented_columns_in_si_units(results, tmp_path):
-    files = ces_identify.write_characteristics(tmp_path / "out", results, command="ces characterise dyno")
+    files = write_characteristics(tmp_path / "out", results, command="ces characterise dyno")
     assert [f.name for f in files] == ["characteristics.html", *(f"{t}.csv" for t in TABLES), "columns.csv"]
     with (tmp_path / "out/columns.csv").open(encoding="utf-8", newline="") as file:
         described = list(csv.DictReader(file))
@@ -121,7 +120,7 @@ def test_values_are_rounded_to_their_spread(value, spread, text):
 @pytest.fixture(scope="module")
 def page(results, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
-    return ces_identify.write_characteristics(folder, results, command="ces characterise dyno --model law.py:force")[0]
+    return write_characteristics(folder, results, command="ces characterise dyno --model law.py:force")[0]
 
 
 @pytest.mark.slow

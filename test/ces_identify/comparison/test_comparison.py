@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from residual_series import RATE, coloured
 
+from ces import Recording as DeskRecording
+from ces import compare as compare_models
 from ces_data.checks.content import recording_marks
-from ces_identify import compare_models, make_recording, read_recording
+from ces_data.reading import read_recording
 from ces_identify.comparison.compared_models import (
     BETTER,
     DIVERGED,
@@ -163,10 +165,10 @@ def test_mistakes(sine):
     with pytest.raises(CesError, match="the same recording: its seconds would count twice"):
         compare_models({"a": MODEL, "b": MODEL}, [sine, sine])
     t = np.arange(2000) / 1000.0
-    silent = make_recording(t, 0.01 * np.sin(20 * t), np.full(2000, 0.4), name="silent")
+    silent = DeskRecording.from_arrays(t, 0.01 * np.sin(20 * t), np.full(2000, 0.4), name="silent")
     with pytest.raises(CesError, match="silent: no measured force to compare with"):
         compare_models({"a": MODEL, "b": MODEL}, silent)
-    brief = make_recording(t[:520], 0.01 * np.sin(20 * t[:520]), np.full(520, 0.4), t[:520], name="brief")
+    brief = DeskRecording.from_arrays(t[:520], 0.01 * np.sin(20 * t[:520]), np.full(520, 0.4), t[:520], name="brief")
     with pytest.raises(CesError, match=r"brief: .* samples at which all models and the measurement have a force"):
         compare_models({"a": MODEL, "b": MODEL}, brief)
 

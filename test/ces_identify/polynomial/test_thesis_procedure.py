@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from identification_examples import RULES, SAMPLING, planted
 
-from ces_identify import identify, read_recording, validate
+from ces import validate
+from ces_data.reading import read_recording
+from ces_identify.identification import identify
 from ces_identify.numerics.search import THESIS, TIME_IS_UP, WORK_IS_DONE, Limits, clock_s
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.polynomial.rules_file import load_rules

@@ -1,0 +1,204 @@
+"""What `import ces` gives: functions and objects with methods, light to import, and one line for each mistake."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ces
+from ces_observer.estimator import Estimator
+
+ROOT = Path(__file__).resolve().parents[2]
+ROAD, MODEL = ROOT / "bags/road", ROOT / "config/models/sample.json"
+QUICK = {"time": 5.0, "terms": 3, "starts": 1, "band": False}
+T = np.arange(0.0, 6.0, 0.002)
+X = 0.02 * np.sin(2 * np.pi * 2.0 * T) * np.sin(0.7 * T)
+CURRENT = 0.5 + 0.2 * np.sign(np.sin(0.9 * T))
+FORCE = 1500.0 * CURRENT * np.tanh(np.gradient(X, T) / 0.1)
+
+
+def columns(**more):
+    return {"time_s": T, "position_m": X, "current_A": CURRENT, "force_N": FORCE} | more
+
+
+def without_force():
+    return {name: values for name, values in columns().items() if name != "force_N"}
+
+
+@pytest.fixture(scope="module")
+def road():
+    return ces.Recording.load(ROAD)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return ces.Model.load(MODEL)
+
+
+def test_the_door_shows_its_names_and_no_others():
+    assert dir(ces) == ces.__all__ == sorted(ces.__all__)
+    for name in ces.__all__:
+        assert inspect.getdoc(getattr(ces, name)), name
+
+
+def test_the_page_has_every_name_and_every_keyword():
+    page = (ROOT / "docs/api.md").read_text(encoding="utf-8")
+    for name in ces.__all__:
+        value = getattr(ces, name)
+        assert f"`{name}" in page, name
+        if inspect.isfunction(value):
+            (signature,) = re.findall(rf"^\| `{name}\((.*)\)` \|", page, re.MULTILINE)
+            written = [part.partition("=")[0].strip("* ") for part in re.split(r",\s*(?![^(]*\))", signature)]
+            assert [w for w in written if w] == list(inspect.signature(value).parameters), name
+
+
+def test_importing_it_imports_nothing_heavy():
+    code = "import sys, ces; assert not {'numba', 'scipy', 'numpy', 'matplotlib', 'pandas'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_packages_are_marked_as_typed():
+    for package in ("ces", "ces_observer", "ces_identify", "ces_gap", "ces_rig", "ces_cli"):
+        assert (ROOT / package / "py.typed").is_file()
+
+
+def test_a_table_becomes_a_model_that_predicts_draws_reports_and_runs(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame({"Time (ms)": 1e3 * T, "Stroke [mm]": 1e3 * X, "I_A": CURRENT, "Force [kN]": 1e-3 * FORCE})
+    model = ces.identify(table, **QUICK)
+    assert "proved stable" in repr(model) and "DataFrame" in repr(model) and "<table" in model._repr_html_()
+    simulated = model.simulate(table)
+    np.testing.assert_allclose(simulated, model.simulate(T, X, CURRENT), atol=1e-6)
+    assert (np.isfinite(model.predict(table, steps=5)) == np.isfinite(simulated)).all()
+    frame = model.to_frame()
+    assert len(frame) == len(model.body.terms) and (frame["Standard error"] >= 0.0).all()
+    page = model.report(tmp_path / "report.html", note="first <try>")
+    assert "first &lt;try&gt;" in page.read_text(encoding="utf-8")
+    model.save(tmp_path / "model.json")
+    assert ces.Model.load(tmp_path / "model.json").body == model.body
+    assert isinstance(ces.Estimator(tmp_path / "model.json"), Estimator)
+
+
+def test_a_prediction_uses_the_measured_force_and_many_steps_are_a_simulation(model, road):
+    force, simulated = road.channel("force"), model.simulate(road)
+    at = np.interp(road.channel("position").stamps_ns, force.stamps_ns, force.values)
+    late = np.isfinite(simulated)
+    near, far = (np.std((model.predict(road, steps) - at)[late]) for steps in (1, 20))
+    assert near < 0.6 * far <= 0.6 * 1.05 * np.std((simulated - at)[late])
+    assert np.std((model.predict(road, 400) - simulated)[late]) < 0.01 * np.std(simulated[late])
+
+
+def test_standard_errors_cover_the_truth():
+    dice, t = np.random.default_rng(3), np.arange(0.0, 30.0, 0.004)
+    x = sum(0.004 * np.sin(2 * np.pi * hz * t + hz) for hz in (0.6, 1.7, 3.1, 5.3))
+    noisy = [2000.0 * np.gradient(x, t) + dice.normal(0.0, 40.0, len(t)) for _ in range(2)]
+    frames = [
+        ces.identify(
+            {"time_s": t, "position_m": x, "current_A": 0.5, "force_N": f}, terms=2, starts=1, time=5.0
+        ).to_frame()
+        for f in noisy
+    ]
+    (a, b) = ((float(f["Coefficient"][0]), float(f["Standard error"][0])) for f in frames)
+    assert abs(a[0] - b[0]) < 4.0 * np.hypot(a[1], b[1]) and 0.0 < a[1] < 0.05 * abs(a[0])
+
+
+def test_steady_forces_follow_speed_and_current(model):
+    forces = model.force_speed([0.3, 0.7], [-0.4, 0.4])
+    assert forces.shape == (2, 2) and (np.diff(forces, axis=1) > 0.0).all() and forces[1, 1] > forces[0, 1]
+
+
+def test_a_recording_is_cut_resampled_shown_and_written(road, tmp_path):
+    part = road.part(2.0, 5.0)
+    assert len(part) == 3000 and part.duration_s == pytest.approx(3.0, abs=0.01) and "2-5 s" in repr(part)
+    even = part.resample(250.0)
+    assert len(even) == pytest.approx(750, abs=2) and set(even.channels) == {"position", "current", "force"}
+    part.save(tmp_path / "bag")
+    assert len(ces.Recording.load(tmp_path / "bag")) == len(part)
+    assert "<table" in road._repr_html_() and "position" in repr(road)
+
+
+def test_a_frame_comes_back_as_it_was(road):
+    pandas = pytest.importorskip("pandas")
+    frame = road.to_frame()
+    again = ces.Recording.from_frame(frame)
+    np.testing.assert_allclose(again.channel("position").values, road.channel("position").values)
+    dated = frame.set_index(pandas.Timestamp("2026-03-01 12:00", tz="UTC") + pandas.to_timedelta(frame.index, unit="s"))
+    seconds = dated.set_index(dated.index - dated.index[0])
+    for other in (
+        dated,
+        seconds,
+        {name: frame[name].to_numpy() for name in frame} | {"time_s": frame.index.to_numpy()},
+    ):
+        assert ces.Recording.from_frame(other).duration_s == pytest.approx(road.duration_s, abs=1e-6)
+
+
+def test_scikit_learn_can_search_over_recordings(road):
+    parts = [road.part(0, 9), road.part(9, 18)]
+    estimator = ces.DamperModel("polynomial", **QUICK)
+    assert estimator.get_params()["terms"] == 3 and estimator.fit(parts).score(parts) > 0.7
+    assert [len(force) for force in estimator.predict(parts)] == [len(part) for part in parts]
+    rows = np.column_stack([T, X, CURRENT])
+    assert np.isfinite(estimator.predict(rows)).all() and estimator.score(rows, FORCE) < 1.0
+    selection = pytest.importorskip("sklearn.model_selection")
+    search = selection.GridSearchCV(ces.DamperModel("polynomial", **QUICK), {"terms": [1, 3]}, cv=2).fit(parts)
+    assert search.best_params_ == {"terms": 3}
+
+
+MISTAKES = {
+    "no recording": (lambda m, r: ces.identify([]), "no recording given"),
+    "a number": (lambda m, r: ces.identify(5), "recordings: expected a recording, a path, a table, or several"),
+    "no such bag": (lambda m, r: ces.identify("none"), "none: no such file or folder"),
+    "time as text": (lambda m, r: ces.identify(r, time="ten"), "time is 'ten'; expected a number from"),
+    "a region": (lambda m, r: ces.identify(r, weight="much"), "weight 'much': expected"),
+    "two delays": (lambda m, r: ces.identify(r, delay=(0, 0.003)), "expected a number from 0 to 0.02 s"),
+    "terms of a network": (lambda m, r: ces.identify(r, structure="hydraulic", terms=3), "terms: does not apply"),
+    "a structure": (lambda m, r: ces.identify(r, structure="tree"), "structure 'tree' is unknown; expected one of"),
+    "a size": (lambda m, r: ces.identify(r, structure="sigmoid", leaves=3), "'sigmoid' has no size leaves"),
+    "no force": (lambda m, r: ces.identify(without_force()), "arrays: force: nothing is named like it"),
+    "mm as m": (lambda m, r: ces.identify(columns(position_m=1e3 * X)), "more than any damper"),
+    "backward times": (lambda m, r: ces.identify(columns(time_s=T[::-1])), "newest row is first; reverse the rows"),
+    "text as force": (lambda m, r: ces.identify(columns(force_N=["a"] * len(T))), "force: column 'force_N' is"),
+    "lengths": (lambda m, r: ces.identify(columns(force_N=FORCE[1:])), "has 2999 values for 3000 rows"),
+    "nothing to simulate": (lambda m, r: m.simulate(T), "expected a recording, a path"),
+    "two recordings": (lambda m, r: m.simulate([r, r]), "2 recordings given; expected one"),
+    "fewer positions": (lambda m, r: m.simulate(T, X[1:], 0.5), "position: has 2999 values for 3000 times"),
+    "times that are missing": (lambda m, r: m.simulate(T * np.nan, X, 0.5), "time_s: is nan in row 0"),
+    "half a step": (lambda m, r: m.predict(r, 2.5), "steps: is 2.5; expected a whole number"),
+    "a current beyond": (lambda m, r: m.force_speed(9.0, 0.1), "currents: 9 to 9 A; the model knows"),
+    "no currents": (lambda m, r: m.force_speed([], 0.1), "currents: expected numbers"),
+    "a model": (lambda m, r: ces.validate(None, r), "model: expected a model or a path; got None"),
+    "no such model": (lambda m, r: ces.Estimator("x.json"), "x.json: no such model file"),
+    "a model's type": (lambda m, r: ces.Estimator(5), "expected the path of a model file; got a value of type int"),
+    "models in a list": (lambda m, r: ces.compare([m, m], r), "models: expected simulations by their names"),
+    "a simulation": (lambda m, r: ces.diagnose(3, r), "simulation: expected a path; got a value of type int"),
+    "a file's kind": (lambda m, r: ces.diagnose("foo", r), "'foo' is no simulation; expected MODEL.json"),
+    "an option": (lambda m, r: ces.diagnose(m, r, effect="x"), "effect: is no option of diagnose"),
+    "an effect's name": (
+        lambda m, r: ces.diagnose(m, r, effects=("friction",)),
+        "effects: expected effects of your own",
+    ),
+    "threads": (lambda m, r: ces.diagnose(m, r, threads="two"), "threads is 'two'; expected a whole number"),
+    "a parameter": (lambda m, r: ces.calibrate(lambda t, x, i, *, c=2.0: c * x, r, fit="z"), "has no such parameter"),
+    "a part": (lambda m, r: r.part(5, 2), "expected 0 <= from_s < to_s"),
+    "a part beyond": (lambda m, r: r.part(500), "road has 21.999 s"),
+    "a rate": (lambda m, r: r.resample(0), "expected a rate above 0"),
+    "a column": (lambda m, r: ces.Recording.from_frame(columns(), columns={"position": "z"}), "no column 'z'"),
+    "columns": (lambda m, r: ces.Recording.from_frame(columns(), columns="x"), "columns: expected columns by signal"),
+    "a list": (lambda m, r: ces.Recording.from_frame([1, 2]), "expected a DataFrame or a mapping of arrays"),
+    "an estimator": (lambda m, r: ces.DamperModel().predict(r), "not fitted yet; call fit first"),
+    "rows": (lambda m, r: ces.DamperModel().fit(np.zeros((9, 2)), np.zeros(9)), r"X has shape \(9, 2\); expected"),
+}
+
+
+@pytest.mark.parametrize(("call", "text"), MISTAKES.values(), ids=MISTAKES)
+def test_a_mistake_is_one_line(call, text, model, road, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ces.CesError, match=text) as error:
+        call(model, road)
+    assert "\n" not in str(error.value)
