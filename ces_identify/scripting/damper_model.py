@@ -23,13 +23,19 @@ from ces_observer.errors import CesError
 
 try:
     from sklearn.base import BaseEstimator, RegressorMixin
+    from sklearn.exceptions import NotFittedError
 except ImportError:
+    NotFittedError = ValueError  # type: ignore[assignment,misc]
 
     class RegressorMixin:  # type: ignore[no-redef]
         """Nothing."""
 
     class BaseEstimator:  # type: ignore[no-redef]
         """Nothing."""
+
+
+class NotFitted(CesError, NotFittedError):
+    """A model that was not identified yet."""
 
 
 COLUMNS = ("time_s", "position_m", "current_A")
@@ -54,9 +60,8 @@ class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return {"structure": self.structure, **self.options}
 
     def set_params(self, **params: Any) -> Self:
-        """Change the structure, or options. Raises CesError for a name or value that no option has."""
+        """Change the structure, or options, which `fit` checks."""
         self.structure = params.pop("structure", self.structure)
-        choose_fit(self.structure, params)
         self.options = {**self.options, **params}
         return self
 
@@ -79,7 +84,7 @@ class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _fitted(self) -> Model:
         if not hasattr(self, "model_"):
-            raise CesError("this DamperModel is not fitted yet; call fit first")
+            raise NotFitted("this DamperModel is not fitted yet; call fit first")
         model: Model = self.model_
         return model
 
@@ -99,9 +104,13 @@ def _as_recordings(X: Any, y: ArrayLike | None = None, needs_force: bool = True)
     """Return the recordings in X, or the one in its rows with the forces y. Raises CesError."""
     if _is_list(X):
         return as_recordings(X, need=SIGNALS if needs_force else SIGNALS[:2])
+    if hasattr(X, "toarray"):
+        raise CesError("X is sparse; expected an array (n, 3), or a list of recordings")
     rows = np.asarray(X, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != len(COLUMNS):
         raise CesError(f"X has shape {rows.shape}; expected (n, 3): {', '.join(COLUMNS)}; or a list of recordings")
     if needs_force and y is None:
         raise CesError("y is missing; expected the measured forces [N], (n,)")
+    if not np.isfinite(rows).all() or (y is not None and not np.isfinite(np.asarray(y, dtype=np.float64)).all()):
+        raise CesError("X or y holds NaN or infinity; expected numbers")
     return [Recording.from_arrays(rows[:, 0], rows[:, 1], rows[:, 2], y)]
