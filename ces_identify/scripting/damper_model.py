@@ -25,7 +25,7 @@ try:
     from sklearn.base import BaseEstimator, RegressorMixin
     from sklearn.exceptions import NotFittedError
 except ImportError:
-    NotFittedError = ValueError  # type: ignore[assignment,misc]
+    NotFittedError = ValueError
 
     class RegressorMixin:  # type: ignore[no-redef]
         """Nothing."""
@@ -34,8 +34,12 @@ except ImportError:
         """Nothing."""
 
 
-class NotFitted(CesError, NotFittedError):
+class NotIdentifiedError(CesError, NotFittedError):  # type: ignore[misc]
     """A model that was not identified yet."""
+
+
+class DataError(CesError, ValueError):
+    """What is given in place of recordings is none; a ValueError as scikit-learn expects it."""
 
 
 COLUMNS = ("time_s", "position_m", "current_A")
@@ -74,6 +78,7 @@ class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def predict(self, X: Any) -> F | list[F]:
         """Return the simulated force [N] (n,), or those of each recording, also in the warm-up, where it is a guess."""
+        self._fitted()
         forces = [self._force(recording) for recording in _as_recordings(X, needs_force=False)]
         return forces if _is_list(X) else forces[0]
 
@@ -84,7 +89,7 @@ class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _fitted(self) -> Model:
         if not hasattr(self, "model_"):
-            raise NotFitted("this DamperModel is not fitted yet; call fit first")
+            raise NotIdentifiedError("this DamperModel is not fitted yet; call fit first")
         model: Model = self.model_
         return model
 
@@ -105,12 +110,14 @@ def _as_recordings(X: Any, y: ArrayLike | None = None, needs_force: bool = True)
     if _is_list(X):
         return as_recordings(X, need=SIGNALS if needs_force else SIGNALS[:2])
     if hasattr(X, "toarray"):
-        raise CesError("X is sparse; expected an array (n, 3), or a list of recordings")
-    rows = np.asarray(X, dtype=np.float64)
+        raise DataError("X is sparse; expected an array (n, 3), or a list of recordings")
+    rows, forces = np.asarray(X, dtype=np.float64), None if y is None else np.asarray(y, dtype=np.float64)
+    if needs_force and forces is None:
+        raise DataError("y is missing (y=None); expected the measured forces [N], (n,)")
+    if not np.isfinite(rows).all() or (forces is not None and not np.isfinite(forces).all()):
+        raise DataError("X or y holds NaN or infinity; expected numbers")
     if rows.ndim != 2 or rows.shape[1] != len(COLUMNS):
-        raise CesError(f"X has shape {rows.shape}; expected (n, 3): {', '.join(COLUMNS)}; or a list of recordings")
-    if needs_force and y is None:
-        raise CesError("y is missing; expected the measured forces [N], (n,)")
-    if not np.isfinite(rows).all() or (y is not None and not np.isfinite(np.asarray(y, dtype=np.float64)).all()):
-        raise CesError("X or y holds NaN or infinity; expected numbers")
-    return [Recording.from_arrays(rows[:, 0], rows[:, 1], rows[:, 2], y)]
+        raise DataError(f"X has shape {rows.shape}; expected (n, 3): {', '.join(COLUMNS)}; or a list of recordings")
+    if forces is not None and forces.shape != rows.shape[:1]:
+        raise DataError(f"y has shape {forces.shape}; expected {rows.shape[:1]}, a force for each row of X")
+    return [Recording.from_arrays(rows[:, 0], rows[:, 1], rows[:, 2], forces)]
