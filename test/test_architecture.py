@@ -68,10 +68,10 @@ MAX_PACKAGE = {
     "ces_observer": 139.9,
     "ces_data": 86,
     "ces_report": 12.7,
-    "ces_identify": 168.3,
+    "ces_identify": 168.1,
     "ces_rig": 76.8,
     "ces_gap": 127.4,
-    "ces_cli": 66.4,
+    "ces_cli": 66.2,
     "bench": 79.9,
     "test": 477,
 }
