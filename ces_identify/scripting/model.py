@@ -23,7 +23,8 @@ from ces_identify.report.page import write_report
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.prediction import predict_series
 from ces_identify.simulations.simulate import sample_run, simulate_series
-from ces_identify.structures import model_table, run_batch
+from ces_identify.simulations.steady import steady_forces
+from ces_identify.structures import model_section
 from ces_identify.structures.polynomial import coefficient_unit, format_term
 from ces_identify.validation.cost_table import Evaluations, cost_table
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size, evaluate
@@ -33,7 +34,6 @@ from ces_observer.errors import CesError
 from ces_observer.records import in_files
 from ces_observer.structures.polynomial import Polynomial
 
-RESTS = 2.0  # times the warm-up, for which a damper rests before a stroke of `force_speed`
 MAX_STEPS = 100_000  # ticks ahead
 
 
@@ -102,8 +102,7 @@ class Model(model.Model):
     def force_speed(self, currents: ArrayLike, speeds: ArrayLike) -> F:
         """Return the force [N] (currents, speeds) at mid-stroke, at the end of a stroke at constant speed and current.
 
-        Each stroke begins at rest, as far from the middle as the speed [m/s] goes in half the stroke that the model
-        knows. Raises CesError for speeds or currents [A] outside the model's envelope.
+        Raises CesError for speeds [m/s] or currents [A] outside the model's envelope.
         """
         at, v = _as_numbers("currents", currents), _as_numbers("speeds", speeds)
         for name, values, unit in (("current", at, "A"), ("speed", v, "m/s")):
@@ -112,24 +111,7 @@ class Model(model.Model):
                 raise CesError(
                     f"{name}s: {values.min():g} to {values.max():g} {unit}; the model knows {low:g} to {high:g}"
                 )
-        inputs, segments = self._strokes(at, v)
-        force, _ = run_batch(self, inputs, segments)
-        return force[segments[:, 1] - 1].reshape(len(at), len(v))
-
-    def _strokes(self, currents: F, speeds: F) -> tuple[F, np.ndarray[Any, np.dtype[np.int64]]]:
-        """Return the inputs (3, ticks) of all strokes, and their segments."""
-        low, high = self.envelope.position_m
-        rate, middle, half = self.sampling.rate_Hz, 0.5 * (low + high), 0.5 * (high - low)
-        rest, strokes = round(RESTS * self.warm_up_s * rate), []
-        for current in currents:
-            for speed in speeds:
-                ticks = int(min(half / abs(speed), self.warm_up_s) * rate) if speed else 0
-                position = middle + speed / rate * np.arange(-ticks, 1)
-                position = np.concatenate([np.full(rest, position[0]), position])
-                moving = np.where(np.arange(len(position)) > rest, speed, 0.0)
-                strokes.append(np.stack([position, moving, np.full(len(position), current)]))
-        ends = np.cumsum([stroke.shape[1] for stroke in strokes])
-        return np.concatenate(strokes, axis=1), np.column_stack([np.append(0, ends[:-1]), ends])
+        return steady_forces(self, at, v)
 
     def plot(self, given: RecordingInput) -> Any:
         """Return a matplotlib figure: measured and simulated force over time and over speed. Raises CesError."""
@@ -184,9 +166,9 @@ class Model(model.Model):
                 [_plain(format_term(t, self.envelope)), t.coefficient, _plain(coefficient_unit(t)), e] for t, e in pairs
             ]
             return pandas.DataFrame(rows, columns=["Regressor", "Coefficient", "Unit", "Standard error"])
-        table = model_table(self, used, IDENTIFICATION)
-        heads = [_plain(column.head) for column in table.columns]
-        return pandas.DataFrame([[_plain(cell) for cell in row] for row in table.rows], columns=heads)
+        table = model_section(self, used, IDENTIFICATION).table
+        rows = [[_plain(Markup(column.text(row))) for column in table.columns] for row in table.rows]
+        return pandas.DataFrame(rows, columns=[_plain(Markup(column.heading)) for column in table.columns])
 
     def __repr__(self) -> str:
         return self._describe() + (f"\n{cost_table(self.evaluations)}" if self.evaluations else "")
