@@ -70,7 +70,7 @@ MAX_PACKAGE = {
     "ces_report": 11.5,
     "ces_identify": 169.4,
     "ces_rig": 76.8,
-    "ces_gap": 128.6,
+    "ces_gap": 129.2,
     "ces_cli": 66.4,
     "bench": 79.9,
     "test": 477,
