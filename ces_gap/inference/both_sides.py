@@ -28,7 +28,7 @@ from ces_gap.inference.fit import EffectFit, fit_from
 from ces_gap.limits import SearchLimits, VerdictLimits
 from ces_gap.progress import Progress
 from ces_gap.trace import Trace, usable_inputs, usable_values
-from ces_identify.numerics.least_squares import CentredProblem, descend_about_centre
+from ces_identify.numerics.least_squares import NormalEquations, check_error_first, improve, pull_towards
 from ces_identify.physical.models import HydraulicModels
 
 WEIGHTS = 0.3, 1.0, 1.0  # of stroke, speed and current in a distance: a gas spring is soft
@@ -178,15 +178,11 @@ def _descend(models: HydraulicModels, start: F, steps: int, free: Mask) -> F:
         theta[free] = values
         return theta
 
-    def equations(values: F) -> tuple[float, F, F]:
+    def differentiate(values: F) -> NormalEquations:
         error, matrix, gradient = models.normal_equations(embed(values), weights)
-        return error, matrix[np.ix_(free, free)], gradient[free]
+        return NormalEquations(error, matrix[np.ix_(free, free)], gradient[free])
 
-    problem = CentredProblem(
-        lambda values: models.error(embed(values), weights),
-        equations,
-        STRENGTH * models.layout.weight[free],
-        start[free],
-    )
-    steps_taken = [values for _, values in islice(descend_about_centre(problem, start[free]), steps)]
-    return embed(steps_taken[-1]) if steps_taken else start
+    equations = check_error_first(lambda values: models.error(embed(values), weights), differentiate)
+    pull = pull_towards(start[free], STRENGTH * models.layout.weight[free])
+    points = list(islice(improve(equations, start[free], [pull]), 1 + steps))
+    return embed(points[-1].params) if points else start

@@ -34,7 +34,7 @@ from ces_gap.report.formatting import (
     region_name,
     sentence_case,
 )
-from ces_report.table import Column, Table
+from ces_report.table import BAR, Column, Table
 from ces_report.typesetting import format_number, format_range, minus, three_figures
 
 MAX_ROWS = 6  # effects with a row of their own
@@ -108,7 +108,6 @@ def _with_small(text: str, small: str) -> Markup:
     return Markup("{}<small>{}</small>").format(text, small)
 
 
-BAR = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
 CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     Column(
         "Cause",
