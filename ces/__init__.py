@@ -174,7 +174,7 @@ def diagnose(
     from ces_gap.augmented import name_simulation
     from ces_gap.inputs.checks import check_recordings
     from ces_gap.progress import ignore_progress
-    from ces_gap.report.result_files import result_files
+    from ces_gap.result_files import result_files
 
     how = _diagnose_options(options)
     subject, name = _open(simulation)

@@ -42,7 +42,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     "ces_rig": ("errors drive sensors dampers experiments withheld blind live loop"),
     "ces_gap": (
         "limits progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
-        "calibrate experiment regions diagnosis report pipeline fleet"
+        "calibrate experiment regions diagnosis report pipeline result_files fleet"
     ),
     "ces": "",
     "ces_cli": ("terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema main"),
@@ -72,10 +72,10 @@ MAX_PACKAGE = {
     "ces_report": 12.7,
     "ces_identify": 173.7,
     "ces_rig": 76.8,
-    "ces_gap": 127.7,
+    "ces_gap": 128.4,
     "ces_cli": 66.2,
-    "bench": 72.9,
-    "test": 477.5,
+    "bench": 72.1,
+    "test": 476.5,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -25,8 +25,8 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
 from ces_gap.report.gap_json import gap_content, shrink_of_ceiling
-from ces_gap.report.result_files import REPORT, result_files
 from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
+from ces_gap.result_files import REPORT, result_files
 from ces_identify.simulations.simulation import Simulation
 from ces_identify.structures.auto import AUTO
 from ces_observer.errors import CesError

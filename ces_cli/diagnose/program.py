@@ -27,11 +27,11 @@ from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_fai
 from ces_data.bags.reader import read_recording
 from ces_data.findings import require_usable
 from ces_data.recording import Recording
-from ces_gap.calibrate.free import NONE
+from ces_gap.calibrate.parameters import NONE
 from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of
 from ces_gap.inputs.checks import is_seen
 from ces_gap.pipeline import diagnose
-from ces_gap.report.result_files import result_files
+from ces_gap.result_files import result_files
 from ces_identify.jobs import DONE, FAILED, Row, Task, open_results
 from ces_identify.options import SEED, THREADS
 from ces_identify.simulations.simulation import Simulation

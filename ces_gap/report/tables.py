@@ -224,7 +224,9 @@ def composition_table(d: Diagnosis) -> Table[Part] | None:
         return None
     gaps = c.without_N or (math.nan,) * len(c.effects)
     parts = zip(c.effects, c.forms, c.estimates, c.composition.settings, gaps, strict=True)
-    rows = [(effect_name(e), effect_name(f), describe_parameters(found, s), gap) for e, f, found, s, gap in parts]
+    rows = [
+        (effect_name(e), effect_name(f), describe_parameters(of_effect, s), gap) for e, f, of_effect, s, gap in parts
+    ]
     columns: tuple[Column[Part], ...] = (
         Column("", lambda part: part[0], html=lambda p: _with_small(p[0], p[1]), css="cause"),
         Column("", lambda part: ", ".join(map(str, part[2])), html=lambda part: parameter_list(part[2])),

@@ -16,7 +16,7 @@ from ces_cli.terminal.inputs import open_simulation
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, Diagnosis
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.report.gap_json import gap_document
-from ces_gap.report.result_files import result_files
+from ces_gap.result_files import result_files
 from ces_identify.simulations.simulation import FunctionSimulation
 
 pytestmark = pytest.mark.slow

@@ -8,11 +8,11 @@ from pathlib import PurePath
 
 from ces_data.recording import Recording
 from ces_gap.augmented import augmented_text
-from ces_gap.calibrate.parameters import NAME as PARAMETERS
 from ces_gap.calibrate.parameters import parameter_values
 from ces_gap.diagnosis import Diagnosis
 from ces_gap.effects.effect import Composition
 from ces_gap.experiment.next_experiment import experiment_files
+from ces_gap.inference.judgement import PARAMETERS
 from ces_gap.progress import OptionalSteps
 from ces_gap.report.gap_json import format_document, gap_document
 from ces_gap.report.page import report_page
@@ -39,12 +39,12 @@ def result_files(
     experiment = optional.run("next experiment", lambda: experiment_files(proposed) if proposed else nothing, nothing)
     document = gap_document(replace(diagnosis, notes=(*diagnosis.notes, *optional.notes)))
     provenance = {role: [{"recording": r.name, "sha256": r.sha256} for r in recordings] for role, recordings in sources}
-    found = diagnosis.composition.composition
+    composition = diagnosis.composition.composition
     said = {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance}
-    values, timing = parameter_values(found), diagnosis.probe.corrected
-    found = Composition(tuple(s for s in found.settings if s.name != PARAMETERS))
+    values, timing = parameter_values(composition), diagnosis.probe.corrected
+    composition = Composition(tuple(s for s in composition.settings if s.name != PARAMETERS))
     augmented = augmented_text(
-        sim, found, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded, said, timing, values
+        sim, composition, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded, said, timing, values
     )
     return {GAP: format_document(document), AUGMENTED: augmented, **page, **experiment}
 
@@ -52,6 +52,6 @@ def result_files(
 def _title(diagnosis: Diagnosis, sources: Sequence[tuple[str, Sequence[Recording]]]) -> str:
     """Return which simulation was compared with which recordings, for the report's title."""
     names = {role: join_names([r.name for r in recordings]) for role, recordings in sources}
-    real = join_names([r.name for role, found in sources if role != "reference" for r in found])
+    real = join_names([r.name for role, recordings in sources if role != "reference" for r in recordings])
     reference = f" (reference {names['reference']})" if names.get("reference") else ""
     return f"Gap of {PurePath(diagnosis.simulation).name} against {real}{reference}"
