@@ -321,7 +321,8 @@ def draw_chart(ident: str, chart: Chart, size: tuple[float, float]) -> Markup:
     width, height = size
     curves = chart.curves
     marks = [mark for n, curve in enumerate(curves) for mark in _marks(curve, curve_css(n, len(curves)))]
-    low, high = min(float((c.y - c.half).min()) for c in curves), max(float((c.y + c.half).max()) for c in curves)
+    drawn = [np.concatenate([c.y - c.half, c.y + c.half, *([] if c.points is None else [c.points[1]])]) for c in curves]
+    low, high = min(float(y.min()) for y in drawn), max(float(y.max()) for y in drawn)
     room = 0.05 * (high - low)
     area = PlotArea(chart.y_label, marks, height=height - 84.0, y_range=(low - room, high + room), y_ticks=7)
     return draw_plot(Plot(ident, chart.title, chart.caption, chart.x_label, [area], width, x_ticks=7))
@@ -330,6 +331,8 @@ def draw_chart(ident: str, chart: Chart, size: tuple[float, float]) -> Markup:
 def _marks(curve: ChartCurve, css: str) -> Iterator[PlotMark]:
     """Yield the interval of a curve, the part that was recorded, and the parts below and above it."""
     low, high = curve.recorded
+    if curve.points is not None:
+        yield PlotDots("measured", *curve.points, css=f"{css} spot")
     if curve.half.any():
         yield PlotBand(curve.name, curve.x, curve.y - curve.half, curve.y + curve.half, f"interval {css.split()[1]}")
     for first, last, kind in ((low, high, css), (-np.inf, low, f"{css} beyond"), (high, np.inf, f"{css} beyond")):

@@ -30,13 +30,17 @@ Symbols = tuple[tuple[Markup, str], ...]
 
 @dataclass(frozen=True)
 class ChartCurve:
-    """A curve y(x) with the half width of its 95 % interval, each (n,); `recorded` is the range of x with data."""
+    """A curve y(x) with the half width of its 95 % interval, each (n,); `recorded` is the range of x with data.
+
+    `points` are measured x and y, each (k,).
+    """
 
     name: str
     x: F
     y: F
     half: F
     recorded: tuple[float, float]
+    points: tuple[F, F] | None = None
 
 
 @dataclass(frozen=True)

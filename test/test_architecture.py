@@ -69,8 +69,8 @@ ALLOWED = {
 MAX_PACKAGE = {
     "ces_observer": 139.8,
     "ces_data": 90.1,
-    "ces_report": 12.7,
-    "ces_identify": 173.7,
+    "ces_report": 12.8,
+    "ces_identify": 174.2,
     "ces_rig": 76.8,
     "ces_gap": 128.4,
     "ces_cli": 66.2,

@@ -24,6 +24,7 @@ from ces_identify.report.figures import (
     speed_force,
     time_plot,
 )
+from ces_identify.report.steady import steady_chart
 from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
@@ -122,7 +123,9 @@ def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int
         "section": section,
         "charts": [
             (draw_chart(f"chart{n}", chart, size), chart.caption)
-            for n, (chart, size) in enumerate(zip(section.charts, SIZES, strict=False))
+            for n, (chart, size) in enumerate(
+                zip(section.charts or [steady_chart(model, ordered)], SIZES, strict=False)
+            )
         ],
         "maps": _draw_maps(ordered, model),
     }

@@ -20,10 +20,10 @@ from ces_identify.identification import IdentificationResult
 from ces_identify.numerics.search import SearchResult
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.report.page import write_report
+from ces_identify.report.steady import steady_forces
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.prediction import predict_series
 from ces_identify.simulations.simulate import sample_run, simulate_series
-from ces_identify.simulations.steady import steady_forces
 from ces_identify.structures import model_section
 from ces_identify.structures.polynomial import coefficient_unit, format_term
 from ces_identify.validation.cost_table import Evaluations, cost_table
