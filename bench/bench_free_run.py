@@ -13,7 +13,7 @@ import numpy as np
 from measurement import median_seconds, time_interleaved
 
 from ces_identify.numerics.kernels import free_run
-from ces_identify.polynomial.problem import compile_terms
+from ces_identify.polynomial.problem import lay_out_terms
 from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -45,17 +45,17 @@ def main() -> None:
     terms = ten_terms()
     x, v, i = inputs()
     envelope = Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
-    compiled = compile_terms(terms)
+    layout = lay_out_terms(terms)
     coefficients = np.array([t.coefficient for t in terms])
     segments = np.array([[0, N]])
-    table = compiled.power_table(envelope, (x, v, i), segments, 1000.0)
+    table = layout.power_table(envelope, (x, v, i), segments, 1000.0)
 
     def batch() -> object:
-        return free_run(table, segments, compiled.arrays, coefficients, (-1e6, 1e6))
+        return free_run(table, segments, layout.arrays, coefficients, (-1e6, 1e6))
 
     def batch_with_tables() -> object:
-        made = compiled.power_table(envelope, (x, v, i), segments, 1000.0)
-        return free_run(made, segments, compiled.arrays, coefficients, (-1e6, 1e6))
+        made = layout.power_table(envelope, (x, v, i), segments, 1000.0)
+        return free_run(made, segments, layout.arrays, coefficients, (-1e6, 1e6))
 
     ready, whole = median_seconds(batch, 200), median_seconds(batch_with_tables, 50)
     print(f"free run, {N} samples, {len(terms)} terms")
