@@ -14,7 +14,7 @@ from physical_examples import make_valve
 from test_simulation import recording
 
 from ces_data.recording import Channel, Recording
-from ces_gap.baseline.input_timing import InputTiming, RetimedSimulation
+from ces_gap.baseline.wrappers import InputTiming, RetimedSimulation
 from ces_identify.simulations.fmu import open_fmu
 from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, function_simulation
