@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from ces_identify.numerics.search import THESIS
-from ces_identify.polynomial.candidates import MAX_CANDIDATES
+from ces_identify.polynomial.candidate_rules import MAX_CANDIDATES
 from ces_identify.polynomial.rules_file import built_in_rules, load_rules, parse_rules
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import Lag

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from planted import NETWORK, planted
 
@@ -87,8 +86,7 @@ def test_a_mean_of_means_is_one_mean_of_all_members():
     assert isinstance(outer.body, Mixture)
     assert [member.weight for member in outer.body.members] == [0.25, 0.25, 0.5]
     series = prepare(planted(NETWORK, 1), NETWORK.sampling)
-    inputs = np.stack([series.position, series.speed, series.current])
-    alone, mean = (run_batch(model, inputs, series.segments)[0] for model in (NETWORK, outer))
+    alone, mean = (run_batch(model, series.inputs, series.segments)[0] for model in (NETWORK, outer))
     assert mean == pytest.approx(alone)
 
 
