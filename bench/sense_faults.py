@@ -32,6 +32,7 @@ from ces_data.recording import Channel, Recording
 ROOT = Path(__file__).resolve().parent.parent
 LOGS = {"brfd_backlash": "*.json", "dyke_mr": "*.csv", "utfsm_mr": "*.csv"}
 SEED = 26
+SPEED = "^speed: .*derivative"  # a logged speed contradicts a spoilt position
 SAYINGS = ("right", "wrong", "silent")
 Change = Callable[[Recording], Recording]
 
@@ -43,7 +44,7 @@ class SenseFault:
     name: str
     change: Change
     told: str
-    also: str = "$^"
+    also: str = SPEED
     moving_current: bool = False
 
 
@@ -160,7 +161,7 @@ def _faults_of(signal: str) -> Iterator[SenseFault]:
     for share in (0.8, 0.5):
         percent = f"at {100 * share:.0f} %"
         yield SenseFault(f"{signal} wraps {percent}", wrap(signal, share), f"^{signal}: .*(jump|wrap|overflow|satur)")
-        yield SenseFault(f"{signal} clipped {percent}", clip(signal, share), f"^{signal}: .*saturat", "stuck")
+        yield SenseFault(f"{signal} clipped {percent}", clip(signal, share), f"^{signal}: .*saturat", f"stuck|{SPEED}")
     for ppm in (-2000, 1000):
         drift = restamp((signal,), lambda t, ppm=ppm: t * (1 + 1e-6 * ppm))  # type: ignore[misc]
         yield SenseFault(f"{signal} {ppm:+d} ppm", drift, f"clock|{LATE}")

@@ -72,8 +72,8 @@ MAX_PACKAGE = {
     "ces_rig": 76.8,
     "ces_gap": 129,
     "ces_cli": 66.2,
-    "bench": 73,
-    "test": 476.8,
+    "bench": 72.1,
+    "test": 475.7,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
