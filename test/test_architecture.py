@@ -70,7 +70,7 @@ MAX_PACKAGE = {
     "ces_report": 12.7,
     "ces_identify": 168.7,
     "ces_rig": 76.8,
-    "ces_gap": 129,
+    "ces_gap": 129.1,
     "ces_cli": 66.2,
     "bench": 72.1,
     "test": 475.7,
