@@ -23,8 +23,12 @@ from ces_identify.training import (
     Lags,
     build_regressors,
     build_training,
+    delay_values,
+    regressor_table,
 )
 from ces_observer.errors import CesError, RecordingError
+from ces_observer.model import Envelope
+from ces_observer.structures.lagged_signals import Regressor
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +74,26 @@ def test_the_force_envelope_holds_zero_where_every_run_begins(data):
 def test_too_little_is_refused():
     with pytest.raises(RecordingError, match=r"at least|too short|warm-up"):
         build_training([prepare(planted(NETWORK, 3, seconds=0.7), SAMPLING)])
+
+
+def test_delays_do_not_cross_segments():
+    segments = np.array([[0, 3], [3, 7]])
+    np.testing.assert_array_equal(delay_values(np.arange(7.0), 2, segments), [0, 0, 0, 3, 3, 3, 4])
+
+
+def test_a_table_is_clamped_then_scaled_and_leaves_room_for_past_forces():
+    envelope = Envelope((-1.0, 1.0), (-0.5, 0.5), (0.0, 1.0))
+    regressors = (
+        Regressor("speed", 1, 0.25, 0.5),
+        Regressor("force", 3, 10.0, 50.0),
+        Regressor("current", 0, 0.0, 2.0),
+    )
+    inputs = np.array([[0.0, 0.0, 0.0], [0.1, 9.0, -9.0], [0.5, 2.0, -1.0]])
+    table = regressor_table(regressors, envelope, inputs, np.array([[0, 3]]))
+    np.testing.assert_allclose(table.values[:, 0], [-0.3, -0.3, 0.5])
+    np.testing.assert_array_equal(table.values[:, 1], 0.0)
+    np.testing.assert_allclose(table.values[:, 2], [0.25, 0.5, 0.0])
+    assert [a.tolist() for a in table[1:]] == [[0, 3, 0], [0.0, 10.0, 0.0], [1.0, 50.0, 1.0]]
 
 
 OPTIONS = IdentifyOptions(1.0, limits=Limits(time=20.0, starts=1, threads=1), rate=RATE_HZ)
