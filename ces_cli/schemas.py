@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS
+from ces_cli.identify.request import EXIT_WHEN_DONE, PARAMETERS
 from ces_data.logs.log_mapping import DynoMapping
 from ces_gap.report.calibration import calibrated_schema
 from ces_gap.report.gap_json import gap_schema

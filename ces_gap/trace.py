@@ -257,5 +257,5 @@ def require_usable(trace: Trace) -> None:
     if seconds < MIN_USABLE_S:
         raise GapError(
             f"{trace.name}: {seconds:.2f} s with position, current, force and a simulated force together; "
-            f"expected at least {MIN_USABLE_S:g} s; check --signals and that the channels overlap in time"
+            f"expected at least {MIN_USABLE_S:g} s; check the signals file and that the channels overlap in time"
         )

@@ -24,6 +24,7 @@ from ces_gap.trace import Trace, usable_inputs, usable_values
 from ces_identify.simulations.simulate import sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.validation.evaluate import describe_held, find_outside
+from ces_observer.errors import OptionName
 from ces_observer.model import Model
 
 MAX_SATURATED_SHARE = 0.25  # of samples at a limit; a diagnosis needs fewer
@@ -39,9 +40,9 @@ IMPOSSIBLE = 30.0  # factor too large for a gap
 NO_CURRENT = 1e-3  # [A] below it a current counts as zero
 NO_FORCE = 0.2  # share of unusable ticks from which there is a note
 SLOW_M_S = 0.01  # [m/s] a recording of slower motion contains hardly any information
-REAL, HELD_OUT, REFERENCE = "--real", "--held-out", "--reference"
+REAL, HELD_OUT, REFERENCE = map(OptionName, ("real", "held_out", "reference"))
 WHY = {
-    HELD_OUT: "held-out recordings must not be fitted: without --held-out a part of --real is set aside",
+    HELD_OUT: "held-out recordings must not be fitted; without any, a part of the real ones is set aside",
     REFERENCE: "references must be free of the effect",
 }
 
@@ -104,8 +105,8 @@ def require_distinct(real: Sequence[Recording], held_out: Sequence[Recording], r
         if shared := shared_content(first, second):
             names = first.name if first.name == second.name else f"{first.name} and {second.name}"
             if one == other:
-                raise GapError(f"{names}: {shared}, twice under {one}; pass each recording once")
-            raise GapError(f"{names}: {shared}, under {one} and {other}; {WHY[other]}")
+                raise GapError(f"{names}: {shared}, twice under ", one, "; pass each recording once")
+            raise GapError(f"{names}: {shared}, under ", one, " and ", other, f"; {WHY[other]}")
 
 
 def exclude_saturated_ticks(trace: Trace) -> Trace:

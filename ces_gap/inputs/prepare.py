@@ -102,7 +102,7 @@ def prepare_recordings(
     if seconds < MIN_FIT_S:
         raise GapError(
             f"{', '.join(t.name for t in fitted)}: {seconds:.1f} s remain for the fit; "
-            f"expected at least {MIN_FIT_S:g} s; pass longer or more --real recordings"
+            f"expected at least {MIN_FIT_S:g} s; pass longer or more real recordings"
         )
     progress("probing the simulation", 0.0)
     found, simulation = correct_inputs(simulation, fitted, references)

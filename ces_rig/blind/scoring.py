@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_rig.blind.cases import open_arrays, read_seal
 from ces_rig.blind.draw import HELD_OUT
 
@@ -57,11 +57,13 @@ class Mode:
 
     def __post_init__(self) -> None:
         if self.simulation not in SIMULATIONS:
-            raise CesError(f"--simulation '{self.simulation}': expected one of {', '.join(SIMULATIONS)}")
+            expected = f": expected one of {', '.join(SIMULATIONS)}"
+            raise CesError(OptionName("simulation", self.simulation), expected)
         if not 0 <= self.references <= MAX_REFERENCES:
-            raise CesError(f"--references {self.references}: expected 0 to {MAX_REFERENCES}")
+            raise CesError(OptionName("references", self.references), f": expected 0 to {MAX_REFERENCES}")
         if self.simulation == IDENTIFIED and self.references == 0:
-            raise CesError("--simulation identified: a model is identified from references; add --references 5")
+            needs = ": a model is identified from references; add "
+            raise CesError(OptionName("simulation", IDENTIFIED), needs, OptionName("references", 5))
 
     @property
     def name(self) -> str:

@@ -22,6 +22,7 @@ from typing import Any
 from ces_data.bags.reader import RecordingWarning, read_recording
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
+from ces_observer.errors import OptionName
 from ces_observer.json_text import write_atomically
 from ces_observer.model import Model, load_model
 from ces_rig.errors import RigError
@@ -78,7 +79,9 @@ class Iteration:
             known["validation_J"] = {k: nan if v is None else v for k, v in known["validation_J"].items()}
             return Iteration(**known)
         except (TypeError, KeyError, AttributeError):
-            raise RigError(f"{where}: a line is not from this version; start with another --out") from None
+            raise RigError(
+                f"{where}: a line is not from this version; start with another ", OptionName("out")
+            ) from None
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ class Step:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RigError(f"{folder}: cannot be made: {error.strerror}; choose another --out") from None
+            raise RigError(f"{folder}: cannot be made: {error.strerror}; choose another ", OptionName("out")) from None
         return Step(folder, number)
 
     def read_commands(self) -> RigCommands | None:
@@ -139,7 +142,7 @@ def keep_plan(root: Path, plan: Plan, text: str) -> None:
         before = load_plan(kept)
         for key in SAME:
             if getattr(before, key) != getattr(plan, key):
-                raise RigError(f"{root}: began with another '{key}' ({PLAN} there); choose another --out")
+                raise RigError(f"{root}: began with another '{key}' ({PLAN} there); choose another ", OptionName("out"))
     write_atomically(kept, text)
 
 
@@ -153,5 +156,7 @@ def keep_inputs(root: Path, plan: Plan, given: Sequence[Recording]) -> None:
     before = json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {}
     for text, digest in digests.items():
         if before.get(text, digest) != digest:
-            raise RigError(f"{plan.path(text)}: has changed since {root} began with it; choose another --out")
+            raise RigError(
+                f"{plan.path(text)}: has changed since {root} began with it; choose another ", OptionName("out")
+            )
     write_atomically(kept, json.dumps(digests, indent=1) + "\n")

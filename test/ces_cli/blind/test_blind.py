@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from programs import ces, error_line, only_effects, run_here, text_of
 
-from ces_cli.blind import AUGMENTED, MODEL
+from ces_cli.blind_case import AUGMENTED, MODEL
 from ces_rig.blind.cases import open_arrays, open_seal
 from ces_rig.blind.scoring import DECISION, GAP, REPLAY, ROW
 
@@ -29,7 +29,7 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     words = ("--out", folder, "--seed", 5, "--cases", CASES, "--seconds", SECONDS, "--jobs", 1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ces_cli.blind.run_in_processes", run_here)
-        patch.setattr("ces_cli.blind.physical_structures", lambda: ("hydraulic",))
+        patch.setattr("ces_cli.blind_case.physical_structures", lambda: ("hydraulic",))
         patch.setattr(*only_effects(*QUICK))
         assert ces("blind", "make", *words, "--gap-to-noise", 3, "--plants", "bouc_wen", "--effects", *QUICK) == 0
         yield folder
