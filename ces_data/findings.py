@@ -10,17 +10,11 @@ from itertools import chain, combinations
 import numpy as np
 
 from ces_data.arrays import I
+from ces_data.limits import RecordingLimits
 from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_observer.errors import RecordingError
 
 ERROR, WRONG_MODEL, WARNING = SEVERITIES = ("error", "wrong model", "warning")  # worst first
-POSSIBLE = {"position": 1e4, "current": 1e6, "force": 1e9, "sim_force": 1e9}  # [m, A, N] none is beyond, in any unit
-MAX_EQUAL_SHARE = 0.2  # of the samples
-MAX_EQUAL_STAMPS = 100  # samples in a row with one stamp; a driver that stamps its batches makes fewer
-BAD_SHARE = 0.01  # largest share of NaN or infinite samples that preparation may omit
-RATE_RATIO = 100.0
-MISSING_SHARE = 0.01  # largest share of the position's span without current
-MISSING_S, EDGE_S, USUAL_INTERVALS = 0.5, 1.0, 20.0
 SECOND = 1e9
 
 
@@ -87,11 +81,11 @@ def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
     bad = ~np.isfinite(values)
     if bad.any():
         text = f"{name}: {int(bad.sum())} of {len(bad)} samples are NaN or infinite, the first at {at[bad][0]:.3f} s"
-        if bad.mean() > BAD_SHARE:
-            yield Finding(ERROR, f"{text}; expected at most {BAD_SHARE:.0%}", name)
+        if bad.mean() > RecordingLimits.BAD_SHARE:
+            yield Finding(ERROR, f"{text}; expected at most {RecordingLimits.BAD_SHARE:.0%}", name)
         else:
             yield Finding(WARNING, f"{text}; they are left out", name)
-    worst, limit = int(np.argmax(np.where(bad, 0.0, np.abs(values)))), POSSIBLE.get(name, np.inf)
+    worst, limit = int(np.argmax(np.where(bad, 0.0, np.abs(values)))), RecordingLimits.POSSIBLE.get(name, np.inf)
     if not bad[worst] and abs(values[worst]) > limit:  # no sensor can have measured it: a wrong type, field or scale
         text = f"{name}: {values[worst]:.4g} {channel.unit} at {at[worst]:.3f} s; expected at most {limit:g}"
         yield Finding(ERROR, f"{text}: check type, field and scale in the signals file, or remove the sample", name)
@@ -102,10 +96,10 @@ def _check_stamps(name: str, stamps: Stamps, at: Values) -> Iterator[Finding]:
     steps = np.diff(stamps)
     runs = runs_of_equal(stamps)
     first, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
-    if end - first > MAX_EQUAL_STAMPS:
+    if end - first > RecordingLimits.MAX_EQUAL_STAMPS:
         text = f"{name}: {end - first} samples in a row have the same stamp, at {at[first]:.3f} s; expected a stamp for"
         yield Finding(ERROR, f"{text} each sample (is the header's stamp filled in?)", name)
-    elif len(steps) and (steps == 0).mean() > MAX_EQUAL_SHARE:
+    elif len(steps) and (steps == 0).mean() > RecordingLimits.MAX_EQUAL_SHARE:
         text = f"{name}: {(steps == 0).mean():.0%} of the samples have the same stamp as the one before: times are"
         yield Finding(
             WARNING, f"{text} rounded, or samples are repeated; log times that tell one sample from the next", name
@@ -133,13 +127,13 @@ def _check_position_and_rates(recording: Recording) -> Iterator[Finding]:
         yield Finding(ERROR, text, "position")
     rates = {name: rate for name, channel in recording.channels.items() if (rate := mean_rate(channel)) > 0.0}
     for (slow, low), (fast, high) in combinations(sorted(rates.items(), key=lambda item: item[1]), 2):
-        if high >= RATE_RATIO * low and "temperature" not in (slow, fast):
+        if high >= RecordingLimits.RATE_RATIO * low and "temperature" not in (slow, fast):
             what = f"{slow} at {low:.4g} Hz and {fast} at {high:.4g} Hz"
-            yield Finding(ERROR, f"{what}: rates more than {RATE_RATIO:g} times apart")
+            yield Finding(ERROR, f"{what}: rates more than {RecordingLimits.RATE_RATIO:g} times apart")
 
 
 def _check_gaps(recording: Recording, start_ns: int) -> Iterator[Finding]:
-    """Report once that all signals pause, and the longest stretch without current: beyond MISSING_SHARE, an error."""
+    """Report once that all signals pause, and the longest stretch without current: beyond its limit, an error."""
     stamps = [channel.stamps_ns for channel in recording.channels.values() if len(channel)]
     pauses = reduce(_intersect, [missing_stretches(one, one) for one in stamps] if len(stamps) > 1 else [[]])
     if pauses:
@@ -152,18 +146,18 @@ def _check_gaps(recording: Recording, start_ns: int) -> Iterator[Finding]:
         (begin, end): end - begin - sum(max(0, min(end, last) - max(begin, first)) for first, last in pauses)
         for begin, end in missing_stretches(position, current)
     }
-    absent = [stretch for stretch, length in lengths.items() if length > MISSING_S * SECOND]
+    absent = [stretch for stretch, length in lengths.items() if length > RecordingLimits.MISSING_S * SECOND]
     if absent:
         share = sum(lengths[stretch] for stretch in absent) / int(np.ptp(position))
         text = f"current: absent {_describe_stretches(absent, start_ns)}, {share:.1%} of the time; expected it wherever"
-        severity = ERROR if share > MISSING_SHARE else WARNING
+        severity = ERROR if share > RecordingLimits.MISSING_SHARE else WARNING
         yield Finding(severity, f"{text} position is recorded", "current")
 
 
 def _intersect(first: list[tuple[int, int]], second: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Return the stretches that are in both lists."""
     both = ((max(a, c), min(b, d)) for a, b in first for c, d in second)
-    return [(begin, end) for begin, end in both if end - begin > MISSING_S * SECOND]
+    return [(begin, end) for begin, end in both if end - begin > RecordingLimits.MISSING_S * SECOND]
 
 
 def _describe_stretches(stretches: Sequence[tuple[int, int]], start_ns: int) -> str:
@@ -188,6 +182,8 @@ def missing_stretches(reference_ns: Stamps, stamps_ns: Stamps) -> list[tuple[int
     edges = np.concatenate([[first], np.sort(np.clip(stamps_ns, first, last)), [last]])
     lengths = np.diff(edges)
     usual = float(np.median(lengths[1:-1])) if len(lengths) > 2 else 0.0
-    longest_allowed = np.full(len(lengths), max(MISSING_S * SECOND, USUAL_INTERVALS * usual))
-    longest_allowed[[0, -1]] = np.maximum(longest_allowed[[0, -1]], EDGE_S * SECOND)
+    longest_allowed = np.full(
+        len(lengths), max(RecordingLimits.MISSING_S * SECOND, RecordingLimits.USUAL_INTERVALS * usual)
+    )
+    longest_allowed[[0, -1]] = np.maximum(longest_allowed[[0, -1]], RecordingLimits.EDGE_S * SECOND)
     return [(int(edges[i]), int(edges[i + 1])) for i in np.flatnonzero(lengths > longest_allowed)]

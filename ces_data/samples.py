@@ -12,9 +12,8 @@ from scipy.signal import savgol_filter
 
 from ces_data.arrays import F, I, Mask
 from ces_data.findings import SECOND, mean_rate, runs_of_equal
+from ces_data.limits import LossLimits, RecordingLimits
 from ces_data.recording import Channel, Recording, Stamps
-
-GAP_INTERVALS = 5.0  # a longer interval, in median intervals, is a gap
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ def channel_stats(channel: Channel) -> ChannelStats:
     """Return the statistics of a channel, its stamps sorted first."""
     intervals_ns = np.diff(np.sort(channel.stamps_ns))
     usual_ns = float(np.median(intervals_ns)) if len(intervals_ns) else 0.0
-    gaps = intervals_ns.astype(np.float64) > GAP_INTERVALS * usual_ns
+    gaps = intervals_ns.astype(np.float64) > RecordingLimits.GAP_INTERVALS * usual_ns
     values = channel.values[np.isfinite(channel.values)]
     return ChannelStats(
         count=len(channel),
@@ -53,9 +52,6 @@ def channel_stats(channel: Channel) -> ChannelStats:
     )
 
 
-MAX_INTERVAL = 1.75  # of the usual one: a longer interval between two samples has lost one
-
-
 def measured_at(channel: Channel, stamps_ns: Stamps) -> NDArray[np.bool_]:
     """Return where a channel was measured (n,): at its finite samples, and between two of them without a hole.
 
@@ -67,23 +63,12 @@ def measured_at(channel: Channel, stamps_ns: Stamps) -> NDArray[np.bool_]:
         return np.zeros(len(stamps_ns), bool)
     logged = channel.stamps_ns[finite]
     interval, skips = np.diff(logged), np.diff(finite) > 1
-    hole = interval > MAX_INTERVAL * np.percentile(interval, 90.0)
+    hole = interval > RecordingLimits.MAX_INTERVAL * np.percentile(interval, 90.0)
     if skips.mean() < 0.5:
         hole |= skips
     after = np.clip(np.searchsorted(logged, stamps_ns), 1, len(logged) - 1)
     inside = (stamps_ns >= logged[0]) & (stamps_ns <= logged[-1])
     return np.asarray(inside & (~hole[after - 1] | (stamps_ns == logged[after]) | (stamps_ns == logged[after - 1])))
-
-
-JUMP_SPANS = {"position": 0.15, "current": 1.0, "force": 0.3}  # of a signal's span: what no sensor jumps by and back
-LEAST_SPANS = {"position": 0.0, "current": 0.2, "force": 0.0}  # [m, A, N] of a span: a current may be constant
-SPIKE_S, MAX_SPIKE, MIN_SAMPLES_CHECKED = 0.005, 3, 50  # length of a spike, and in samples; of a channel
-SPIKE_RATIO = 6.0  # of its distance from the median around it, over the 95th percentile of all
-BURST, STEP_RATIO = 1.5, 8.0  # a burst's jumps over a spike's; a jump over the 95th percentile of all steps
-DROPOUT_SPANS = {"position": 0.02, "current": 0.2, "force": 0.1}  # the same, before or after a value that is repeated
-MIN_MOVE = 0.005  # of the other signal meanwhile, of its span
-MAX_REPEATS = 0.1  # of a current's samples, that repeat the one before
-BURST_S, MIN_DROPOUT = 0.01, 4  # between a jump and its return; samples of one value before or after a jump
 
 
 def find_spikes(channel: Channel) -> Mask:
@@ -95,17 +80,17 @@ def find_spikes(channel: Channel) -> Mask:
     """
     spikes, finite = np.zeros(len(channel), bool), np.flatnonzero(np.isfinite(channel.values))
     rate = mean_rate(channel)
-    length = min(round(SPIKE_S * rate), MAX_SPIKE)
-    if channel.name not in JUMP_SPANS or len(finite) < MIN_SAMPLES_CHECKED or not length:
+    length = min(round(LossLimits.SPIKE_S * rate), LossLimits.MAX_SPIKE)
+    if channel.name not in LossLimits.JUMP_SPANS or len(finite) < LossLimits.MIN_SAMPLES or not length:
         return spikes
     values = channel.values[finite]
     usual = median_filter(values, 2 * length + 1, mode="nearest")
     distance, span = np.abs(values - usual), float(np.ptp(np.percentile(usual, (0.5, 99.5))))
-    least = JUMP_SPANS[channel.name] * max(span, LEAST_SPANS[channel.name])
-    far = distance > max(least, SPIKE_RATIO * float(np.percentile(distance, 95.0)))
+    least = LossLimits.JUMP_SPANS[channel.name] * max(span, LossLimits.MIN_SPANS[channel.name])
+    far = distance > max(least, LossLimits.SPIKE_RATIO * float(np.percentile(distance, 95.0)))
     if channel.name != "current":
         others = np.flatnonzero(~far)
-        far[others] = _find_bursts(values[others], BURST * least, BURST_S * rate)
+        far[others] = _find_bursts(values[others], LossLimits.BURST * least, LossLimits.BURST_S * rate)
     spikes[finite] = far
     return spikes
 
@@ -115,14 +100,14 @@ def find_jumps(values: F, least: float) -> I:
     steps = np.abs(np.diff(values))
     moves = steps[steps > 0.0]
     usual = float(np.percentile(moves, 95.0)) if len(moves) else 0.0
-    return np.flatnonzero(steps > max(least, STEP_RATIO * usual))
+    return np.flatnonzero(steps > max(least, LossLimits.STEP_RATIO * usual))
 
 
 def _find_bursts(values: F, least: float, longest: float) -> Mask:
     """Return which samples (n,) lie between a jump and another that leads back, at most `longest` samples later."""
     jumps, inside = find_jumps(values, least), np.zeros(len(values), bool)
     for k, first in enumerate(jumps):
-        back = [j for j in jumps[k + 1 :][:MAX_SPIKE] if abs(values[j + 1] - values[first]) < least]
+        back = [j for j in jumps[k + 1 :][: LossLimits.MAX_SPIKE] if abs(values[j + 1] - values[first]) < least]
         if not inside[first] and back and back[0] - first <= longest:
             inside[first + 1 : back[0] + 1] = True
     return inside
@@ -134,15 +119,21 @@ def find_dropouts(channel: Channel, other: Channel | None) -> Mask:
     A current that repeats its values elsewhere, too, as a commanded one, has none.
     """
     dropouts, finite = np.zeros(len(channel), bool), np.flatnonzero(np.isfinite(channel.values))
-    if channel.name not in DROPOUT_SPANS or other is None or min(len(finite), len(other)) < MIN_SAMPLES_CHECKED:
+    if (
+        channel.name not in LossLimits.DROPOUT_SPANS
+        or other is None
+        or min(len(finite), len(other)) < LossLimits.MIN_SAMPLES
+    ):
         return dropouts
     values = channel.values[finite]
     runs = runs_of_equal(values)
-    if channel.name == "current" and 1.0 - len(runs) / len(values) > MAX_REPEATS:
+    if channel.name == "current" and 1.0 - len(runs) / len(values) > LossLimits.MAX_REPEATS:
         return dropouts
-    jumps = find_jumps(values, DROPOUT_SPANS[channel.name] * float(np.ptp(np.percentile(values, (0.5, 99.5)))))
-    long = runs[np.diff(runs, axis=1)[:, 0] >= MIN_DROPOUT]
-    moved = MIN_MOVE * float(np.ptp(np.percentile(other.values, (0.5, 99.5))))
+    jumps = find_jumps(
+        values, LossLimits.DROPOUT_SPANS[channel.name] * float(np.ptp(np.percentile(values, (0.5, 99.5))))
+    )
+    long = runs[np.diff(runs, axis=1)[:, 0] >= LossLimits.MIN_DROPOUT]
+    moved = LossLimits.MIN_MOVE * float(np.ptp(np.percentile(other.values, (0.5, 99.5))))
     for begin, end in long[np.isin(long - 1, jumps).any(axis=1)]:
         a, b = np.searchsorted(other.stamps_ns, channel.stamps_ns[finite[[begin + 1, end - 2]]])
         if np.ptp(other.values[a : b + 1]) > moved:
@@ -168,7 +159,6 @@ def without_spikes(recording: Recording, split: float = 1.0, dropouts: bool = Tr
     return Recording.join(cleaned)
 
 
-SPIKE_FACTOR = 5.0  # times the robust standard deviation of a sample's distance from its neighbours' parabola
 SPIKE_PASSES = 5  # for spikes so close together that they hide each other
 
 
@@ -181,7 +171,7 @@ def remove_spikes(position: F) -> F:
     places, good, clean = np.arange(len(position)), np.ones(len(position), bool), position
     for _ in range(SPIKE_PASSES):
         distance = _parabola_distance(clean)
-        spikes = distance > max(SPIKE_FACTOR * 1.4826 * float(np.median(distance)), 0.002 * (high - low))
+        spikes = distance > max(LossLimits.OUTLIER * 1.4826 * float(np.median(distance)), 0.002 * (high - low))
         if not spikes.any():
             break
         good &= ~spikes
@@ -253,7 +243,7 @@ def _estimate_speed(position: Channel) -> tuple[I, F, int]:
     sound = position.in_order()
     intervals = np.diff(sound.stamps_ns)
     interval = max(1, int(np.median(intervals))) if len(intervals) else 1
-    breaks = np.flatnonzero(intervals > GAP_INTERVALS * interval) + 1
+    breaks = np.flatnonzero(intervals > RecordingLimits.GAP_INTERVALS * interval) + 1
     times, speed = [np.empty(0, np.int64)], [np.empty(0)]
     for stamps, x in zip(np.split(sound.stamps_ns, breaks), np.split(sound.values, breaks), strict=True):
         if not len(stamps) or stamps[-1] - stamps[0] < MIN_SAMPLES * interval:

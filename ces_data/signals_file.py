@@ -13,13 +13,13 @@ from typing import Any
 import yaml
 
 from ces_data.config_file import read_yaml_tree, to_python
+from ces_data.limits import TableLimits
 from ces_observer.errors import SignalsError
 from ces_observer.json_text import quote
 from ces_observer.signals import NAMES, Signals, override
 
 _Sections = list[tuple[str, yaml.MappingNode]]
 PARAMETERS = "ros__parameters"
-SIMILAR = 0.7  # of two names, by difflib: 'postion' and 'position' are 0.93, 'seed' and 'speed' 0.89
 KEYS = frozenset({"topic", "type", "field", "scale", "offset", "constant"})
 
 
@@ -98,7 +98,7 @@ def _signals_of(damper: str, sections: _Sections, path: Path) -> dict[str, tuple
 def _refuse_typo(name: str, rest: str, value: yaml.Node, where: str) -> None:
     """Raise SignalsError for a signal's description under almost a signal's name; others are the node's own."""
     keys = {str(key.value) for key, _ in value.value} if isinstance(value, yaml.MappingNode) else {rest}
-    similar = difflib.get_close_matches(name.lower(), NAMES, n=1, cutoff=SIMILAR)
+    similar = difflib.get_close_matches(name.lower(), NAMES, n=1, cutoff=TableLimits.SIMILAR_NAME)
     if similar and not keys.isdisjoint(KEYS):
         raise SignalsError(f"{where}: no signal {name!r}; did you mean {similar[0]}? Signals are {', '.join(NAMES)}")
 
@@ -128,7 +128,7 @@ def _find_misspelled_section(node: yaml.MappingNode) -> str:
     """Return a hint at a key that is almost 'ros__parameters', empty if there is none."""
     for key, value in node.value:
         name = str(key.value)
-        if name != PARAMETERS and difflib.get_close_matches(name, [PARAMETERS], cutoff=SIMILAR):
+        if name != PARAMETERS and difflib.get_close_matches(name, [PARAMETERS], cutoff=TableLimits.SIMILAR_NAME):
             return f"line {key.start_mark.line + 1}: {name!r}: did you mean {PARAMETERS}? "
         if isinstance(value, yaml.MappingNode) and (hint := _find_misspelled_section(value)):
             return hint

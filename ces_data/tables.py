@@ -13,9 +13,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.limits import RecordingLimits
 from ces_data.logs.log_file import import_reader
 from ces_data.recording import Channel, Recording, Stamps, Values
-from ces_data.samples import GAP_INTERVALS, measured_at
+from ces_data.samples import measured_at
 from ces_observer.errors import CesError
 from ces_observer.signals import UNITS
 
@@ -110,7 +111,7 @@ def _interpolate(channel: Channel, stamps: Stamps) -> tuple[Values, NDArray[np.b
         return np.full(len(stamps), np.nan), np.ones(len(stamps), dtype=np.bool_)
     own = channel.stamps_ns
     after = np.clip(np.searchsorted(own, stamps, side="left"), 1, len(own) - 1)
-    gap = own[after] - own[after - 1] > GAP_INTERVALS * np.median(np.diff(own))
+    gap = own[after] - own[after - 1] > RecordingLimits.GAP_INTERVALS * np.median(np.diff(own))
     exact = (own[after] == stamps) | (own[after - 1] == stamps)
     start = int(own[0])
     values = np.interp((stamps - start).astype(np.float64), (own - start).astype(np.float64), channel.values)

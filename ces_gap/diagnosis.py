@@ -91,7 +91,6 @@ class Diagnosis:
 SPEED_SHARES = np.array([0.0, 0.05, 0.35, 0.65, 0.95, 1.0])  # quantiles that bound the cells of speed
 CURRENT_SHARES = np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
 MIN_TICKS = 10
-MIN_CORRECTED = 0.995  # of the gap: a correction that takes less is not told
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,8 @@ def find_closest(diagnosis: Diagnosis) -> Explanation | None:
 
 def describe_correction(diagnosis: Diagnosis) -> str:
     """Return the words that tell the corrected gap from the original one where the correction takes a part of it."""
-    if not diagnosis.gap.corrected_N < MIN_CORRECTED * diagnosis.gap.rms_N:
+    gap = diagnosis.gap
+    if not gap.corrected_N < gap.rms_N or _newtons(gap.corrected_N) == _newtons(gap.rms_N):
         return ""
     if PARAMETERS in diagnosis.composition.effects:
         return " that the parameters leave"

@@ -16,7 +16,7 @@ from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
 from ces_gap.calibrate.calibration import WORSE, FreedParameters, free_parameters
 from ces_gap.calibrate.changed import changed_parameters
-from ces_gap.calibrate.fitting import VISIBLE, unexplained_N
+from ces_gap.calibrate.fitting import unexplained_N
 from ces_gap.calibrate.free import NONE, choose_free
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
@@ -30,10 +30,11 @@ from ces_gap.inference.held_out import HeldOutScores, apply_judgement, collect_e
 from ces_gap.inference.judgement import Judgement, SearchFindings
 from ces_gap.inference.odds import calibration
 from ces_gap.inference.refinement import Refinement
-from ces_gap.inference.search import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED, EffectSearchResult, search
+from ces_gap.inference.search import EffectSearchResult, search
 from ces_gap.inference.verdict import judge
 from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_notes
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
+from ces_gap.limits import EvidenceLimits, SearchLimits
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.regions.locate import NOWHERE, locate_gap
 from ces_gap.report.parameters import with_changes, with_parameters
@@ -117,7 +118,7 @@ def diagnose(
     if reference and options.fit and list(options.fit) != [NONE] and isinstance(inputs.exact, DirectSimulator):
         ask = inputs.exact.simulation, spec, baseline.evidence, options.fit
         visible += optional.run(FREED, lambda: changed_parameters(*ask), [])
-    share = MIN_GAIN_SHARE if inputs.reference else MIN_GAIN_SHARE_UNCORRECTED
+    share = SearchLimits.MIN_GAIN if inputs.reference else SearchLimits.MIN_GAIN_UNCORRECTED
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
     progress("computing the ceiling", 0.0)
     weights = calibration(_mode(simulation, inputs))
@@ -157,7 +158,11 @@ def _tolerance(inputs: DiagnosisInput, chosen: FreedParameters, options: Diagnos
     """Return the share of the force up to which a gap is none: where parameters competed alone, twice their rest."""
     if options.tolerance is not None or not chosen.competed or (chosen.effect and not own_error_N(inputs.real)):
         return options.tolerance
-    return VISIBLE * unexplained_N(inputs.real) / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
+    return (
+        EvidenceLimits.VISIBLE
+        * unexplained_N(inputs.real)
+        / rms(usable_values(inputs.real, [t.force for t in inputs.real]))
+    )
 
 
 def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:

@@ -123,6 +123,23 @@ def format_number(value: float, figures: int = 3) -> str:
     return minus(f"{mantissa}·10") + str(int(power)).translate(RAISED)
 
 
+def format_decimal(value: float, figures: int = 3) -> str:
+    """Return a number with `figures` significant figures and no power of ten; a dash if it is unknown."""
+    if not math.isfinite(value):
+        return "\N{EN DASH}"
+    digits = figures - 1 - (math.floor(math.log10(abs(value))) if value else 0)
+    return minus(f"{round(value, digits):.{max(digits, 0)}f}")
+
+
+def format_spread(value: float, spread: float, figures: int = 3) -> str:
+    """Return `value ± spread`, to one figure of the spread, two if it begins with 1 or 2; `figures` without spread."""
+    if not (math.isfinite(value) and math.isfinite(spread) and spread > 0.0):
+        return format_decimal(value, figures)
+    decade = math.floor(math.log10(spread))
+    digits = (1 if spread < 3.0 * 10.0**decade else 0) - decade
+    return minus(f"{round(value, digits):.{max(digits, 0)}f} ± {round(spread, digits):.{max(digits, 0)}f}")
+
+
 def format_range(low: float, high: float) -> str:
     """Return `low to high` with as many figures as give it two ends; the one value if both are equal."""
     for figures in range(3, MAX_FIGURES + 1):

@@ -30,8 +30,8 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "control nodes"
     ),
     "ces_data": (
-        "arrays compilation recording integration config_file log_formats units bags findings samples signals_file "
-        "logs checks mapping reading tables"
+        "limits arrays compilation recording integration config_file log_formats units bags findings samples "
+        "signals_file logs checks mapping reading tables"
     ),
     "ces_report": ("typesetting table drawing shell figure plot"),
     "ces_identify": (
@@ -40,8 +40,8 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     ),
     "ces_rig": ("errors drive sensors dampers experiments withheld blind live loop"),
     "ces_gap": (
-        "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference calibrate "
-        "experiment regions diagnosis report pipeline api fleet"
+        "limits progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
+        "calibrate experiment regions diagnosis report pipeline api fleet"
     ),
     "ces_cli": (
         "terminal bags blind_case blind calibrate compare desk diagnose iterate rig identify schemas schema main"
@@ -67,15 +67,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 140.3,
-    "ces_data": 86,
-    "ces_report": 11.5,
-    "ces_identify": 170.1,
-    "ces_rig": 76.8,
-    "ces_gap": 127.4,
+    "ces_observer": 140.2,
+    "ces_data": 88,
+    "ces_report": 12.7,
+    "ces_identify": 169.6,
+    "ces_rig": 76.7,
+    "ces_gap": 128.5,
     "ces_cli": 70.4,
     "bench": 79.9,
-    "test": 477,
+    "test": 476.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

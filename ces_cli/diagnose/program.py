@@ -20,7 +20,6 @@ from ces_cli.terminal.inputs import (
 from ces_cli.terminal.options import never_with, only_with
 from ces_cli.terminal.outputs import OUT, print_document, require_folder, require_outputs
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
-from ces_cli.terminal.terminal import as_csv
 from ces_data.bags.reader import read_recording
 from ces_data.findings import require_usable
 from ces_data.recording import Recording
@@ -34,7 +33,7 @@ from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.signals import Signals
-from ces_report.table import Column, Table
+from ces_report.table import Column, Table, as_csv
 
 RULES = (
     only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),

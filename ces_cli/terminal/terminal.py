@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import io
 import os
 import shlex
@@ -13,7 +12,7 @@ import textwrap
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -211,7 +210,7 @@ def lay_out(table: declared.Table[R], style: Callable[[R], str] = lambda row: ""
             column.justify, column.no_wrap = "right", True
     groups = [None if table.group is None else table.group(row) for row in table.rows]
     for row, group, after in zip(table.rows, groups, [*groups[1:], None], strict=True):
-        out_table.add_row(*(escape(c.text(row)) for c in columns), style=style(row), end_section=group != after)
+        out_table.add_row(*(escape(c.line(row)) for c in columns), style=style(row), end_section=group != after)
     return out_table
 
 
@@ -243,13 +242,6 @@ def _measure_width(columns: Sequence[Column], table: Table) -> int:
         width += longest if column.no_wrap else min(longest, column.min_width or MIN_TEXT_WIDTH)
         width += sum(table.padding[1::2]) + 1
     return width
-
-
-def as_csv(rows: Iterable[Sequence[object]]) -> str:
-    """Return rows as CSV text."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
 
 
 def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None = None) -> int:

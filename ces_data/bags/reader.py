@@ -18,6 +18,7 @@ from ces_data.bags.decode import MessageDecoder, TopicSamples
 from ces_data.bags.fields import format_fields
 from ces_data.bags.storage import ALONE, MEASURED, Bag, Topic, open_bag
 from ces_data.integration import INTEGRATED, velocity_beside
+from ces_data.limits import OrderLimits
 from ces_data.recording import Channel, Recording, Stamps
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Constant, Signal, Signals
@@ -27,10 +28,6 @@ MAX_TOPICS_LISTED = 20
 # `ros2 bag record --compression-mode message` compresses on one thread for each core and stores a message when its
 # thread is done (rosbag2's SequentialCompressionWriter), so a message may follow later ones. It fills a hole that it
 # left. Where a clock was set back, or a bag was played again, time that was recorded already comes a second time.
-MAX_LATE_NS = 100_000_000  # measured: 1 to 9 ms, 2 to 8 threads on two busy cores; a thread may miss several slices
-MIN_JUMP = 4  # late samples in a row, and late by as many intervals: fewer may be chance
-MAX_DENSITY = 1.5  # of the samples where late ones belong, in that around them; a clock that jumps back makes it 2
-AROUND_NS = 500_000_000
 
 
 class RecordingWarning(UserWarning):
@@ -173,7 +170,7 @@ def sort_late_samples(channel: Channel) -> tuple[Channel, LateSamples | None]:
         return channel, None
     latest = np.maximum.accumulate(stamps)
     late_ns = latest - stamps
-    if late_ns.max() > MAX_LATE_NS:
+    if late_ns.max() > OrderLimits.MAX_LATE_NS:
         return channel, None
     order = np.argsort(stamps, kind="stable")
     if _comes_twice(stamps, latest, stamps[order]):
@@ -190,11 +187,14 @@ def _comes_twice(stamps: Stamps, latest: Stamps, ordered: Stamps) -> bool:
     stored_before = np.minimum.accumulate(stamps)[late[starts] - 1]
     first, last = np.maximum(np.minimum.reduceat(stamps[late], starts), stored_before), latest[late[starts]]
     inside = _count(ordered, first, last)
-    before, after = np.maximum(first - AROUND_NS, ordered[0]), np.minimum(last + AROUND_NS, ordered[-1])
+    before, after = (
+        np.maximum(first - OrderLimits.AROUND_NS, ordered[0]),
+        np.minimum(last + OrderLimits.AROUND_NS, ordered[-1]),
+    )
     outside_ns = (first - before) + (after - last)
     expected = (last - first) * (_count(ordered, before, after) - inside) / np.maximum(outside_ns, 1)
-    excess = inside - 1 > MAX_DENSITY * expected + 1
-    return bool((excess & (lengths >= MIN_JUMP) & (expected >= MIN_JUMP - 1)).any())
+    excess = inside - 1 > OrderLimits.MAX_DENSITY * expected + 1
+    return bool((excess & (lengths >= OrderLimits.MIN_RUN) & (expected >= OrderLimits.MIN_RUN - 1)).any())
 
 
 def _count(ordered: Stamps, first: Stamps, last: Stamps) -> Stamps:

@@ -19,22 +19,19 @@ from ces_data.checks.derivatives import derivative_findings
 from ces_data.checks.jumps import split_spikes
 from ces_data.checks.motion import is_constant, join_motions, recorded_motion
 from ces_data.checks.sensors import current_findings, rate_findings, saturation_findings, sensor_findings
-from ces_data.checks.units import MAX_CURRENT_A, MAX_STROKE_M, find_exchange, half_span, ratio_findings, unit_findings
+from ces_data.checks.units import find_exchange, half_span, ratio_findings, unit_findings
 from ces_data.findings import ERROR, WARNING, WRONG_MODEL, DelayFinding, Finding, findings, finite_values, sort_findings
+from ces_data.limits import DamperLimits, DriftLimits, RatioLimits
 from ces_data.recording import Channel, Recording
 from ces_observer.errors import OptionName, RecordingError
 from ces_observer.signals import UNITS
 
-LONG_S = 60.0  # clocks that differ by 100 ppm drift by 6 ms in it
 COMPARED = (  # signal, trait, the limit of any damper, verb, and the units that it may be in instead
-    ("position", "stroke_m", MAX_STROKE_M, "spans", "mm, cm or inches"),
-    ("current", "current_A", MAX_CURRENT_A, "reaches", "mA"),
+    ("position", "stroke_m", DamperLimits.MAX_STROKE_M, "spans", "mm, cm or inches"),
+    ("current", "current_A", DamperLimits.MAX_CURRENT_A, "reaches", "mA"),
     ("force", "force_N", 0.0, "spans", "kN or kip"),
 )
-UNIT_RATIO = 100.0  # ratio of spreads beyond that of any two experiments with one damper
-MAX_SPEED_RATIO = 10.0  # largest ratio of speeds at which forces are compared
-MIN_DAMPING_CORRELATION = 0.3  # smallest correlation of force with speed whose sign counts
-BIN_S, MIN_BINS = 0.005, 50  # positions are averaged over bins to compute speeds; fewer bins give no correlation
+BIN_S = 0.005  # positions are averaged over bins to compute speeds
 
 
 def check_recording(recording: Recording) -> tuple[Finding, ...]:
@@ -55,7 +52,7 @@ def check_recording(recording: Recording) -> tuple[Finding, ...]:
     elif motion is not None:
         delay = force_delay(motion)
         timing = list(sign_findings(motion, delay)) or list(delay_findings(motion, delay))  # of a right sign
-        long = np.ptp(recording.channels["position"].stamps_ns) >= 1e9 * LONG_S
+        long = np.ptp(recording.channels["position"].stamps_ns) >= 1e9 * DriftLimits.LONG_S
         drift = find_drift_within(motion, delay) or (find_clock_drift(recording) if long else None)
         timing = [drift] if drift else timing  # clocks that drift replace a delay
     intact = None if any(f.severity == WRONG_MODEL for f in sensors) else motion  # else follow-up findings mislead
@@ -126,7 +123,7 @@ def find_traits(recording: Recording) -> Traits:
     """Return the traits of a recording."""
     speed, force = _speed_and_force(recording)
     current = np.abs(finite_values(recording, "current"))
-    is_known = len(speed) >= MIN_BINS and speed.std() != 0.0 and force.std() != 0.0
+    is_known = len(speed) >= RatioLimits.MIN_BINS and speed.std() != 0.0 and force.std() != 0.0
     return Traits(
         name=recording.name,
         stroke_m=2.0 * half_span(finite_values(recording, "position"), np.nan),
@@ -159,8 +156,8 @@ def _compare_units(traits: Sequence[Traits]) -> Iterator[Finding]:
         ordered = sorted((t for t in traits if getattr(t, trait) > 0.0), key=attrgetter(trait)) or [traits[0]]
         low, high = ordered[0], ordered[-1]
         smallest, largest = getattr(low, trait), getattr(high, trait)
-        alike = signal != "force" or high.speed_m_s < MAX_SPEED_RATIO * low.speed_m_s
-        if not alike or not largest > limit or not largest > UNIT_RATIO * smallest:
+        alike = signal != "force" or high.speed_m_s < RatioLimits.MAX_SPEED_RATIO * low.speed_m_s
+        if not alike or not largest > limit or not largest > RatioLimits.SPREAD * smallest:
             continue
         si = UNITS[signal]
         text = f"{signal}: {verb} {largest:.4g} {si} in {high.name}, {smallest:.4g} {si} in {low.name}"
@@ -170,8 +167,8 @@ def _compare_units(traits: Sequence[Traits]) -> Iterator[Finding]:
 
 
 def _compare_signs(traits: Sequence[Traits]) -> Iterator[Finding]:
-    along = [t for t in traits if t.damping >= MIN_DAMPING_CORRELATION]
-    against = [t for t in traits if t.damping <= -MIN_DAMPING_CORRELATION]
+    along = [t for t in traits if t.damping >= RatioLimits.MIN_DAMPING_CORRELATION]
+    against = [t for t in traits if t.damping <= -RatioLimits.MIN_DAMPING_CORRELATION]
     if not along or not against:
         return
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.limits import ContentLimits
 from ces_data.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
@@ -24,13 +25,10 @@ U = NDArray[np.uint64]
 MARK = re.compile(r"[0-9a-f]{16}")
 
 COMPARED = ("position", "force")  # both must be equal: two dampers may share a stroke
-RUN, MIN_DISTINCT = 32, 8  # samples of a run, and distinct values in it
+RUN = 32  # samples of a run
 MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
 MARKS = 64  # in a model's file, of each recording
 SPARSE = np.uint64(32)  # of all marks, one in so many serves to find a shift
-EQUAL = 1e-6  # of a signal's range: re-encoding may round
-SAME_SHARE = 0.9  # of the samples in the common time that must be equal
-MIN_COMMON = 50  # samples, with at least MIN_DISTINCT distinct values
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,7 @@ def _names(recording: Recording, other: Recording) -> str:
 def _tolerance(channel: Channel) -> float:
     """Return the difference that re-encoding may make."""
     finite = channel.values[np.isfinite(channel.values)]
-    return EQUAL * float(np.ptp(finite)) if len(finite) else 0.0
+    return ContentLimits.EQUAL * float(np.ptp(finite)) if len(finite) else 0.0
 
 
 def _possible_shifts(a: Channel, b: Channel) -> Iterator[int]:
@@ -189,17 +187,17 @@ def _run_hashes(channel: Channel) -> tuple[U, NDArray[np.bool_]]:
     marks ^= marks >> np.uint64(32)
     runs = np.sort(np.lib.stride_tricks.sliding_window_view(values, RUN)[:: RUN // 2], axis=1)
     distinct = 1 + np.count_nonzero(np.diff(runs, axis=1), axis=1)
-    return marks, np.repeat(distinct >= MIN_DISTINCT, RUN // 2)[:count]
+    return marks, np.repeat(distinct >= ContentLimits.MIN_DISTINCT, RUN // 2)[:count]
 
 
 def _seconds_on_line(samples: Channel, line: Channel, shift_ns: int) -> float:
     """Return the seconds in which `samples` lie on the straight lines between those of `line`, shifted in time."""
     stamps = line.stamps_ns + shift_ns
     inside = (samples.stamps_ns >= stamps.min()) & (samples.stamps_ns <= stamps.max())
-    if inside.sum() < MIN_COMMON or len(np.unique(samples.values[inside])) < MIN_DISTINCT:
+    if inside.sum() < ContentLimits.MIN_COMMON or len(np.unique(samples.values[inside])) < ContentLimits.MIN_DISTINCT:
         return 0.0
     origin = int(stamps[0])
     at = (samples.stamps_ns[inside] - origin).astype(np.float64)
     other = np.interp(at, (stamps - origin).astype(np.float64), line.values)
     equal = np.abs(samples.values[inside] - other) <= max(_tolerance(samples), _tolerance(line))
-    return float(np.ptp(at)) * 1e-9 if equal.mean() >= SAME_SHARE else 0.0
+    return float(np.ptp(at)) * 1e-9 if equal.mean() >= ContentLimits.SAME_SHARE else 0.0

@@ -36,20 +36,12 @@ from ces_data.checks.motion import (
     recorded_motion,
 )
 from ces_data.findings import WARNING, WRONG_MODEL, DelayFinding, Finding
+from ces_data.limits import DelayLimits, DriftLimits, SignLimits
 from ces_data.recording import Recording
 
-MAX_DELAY_S = 0.07
-FAR_S = 0.5  # searched if no shift within MAX_DELAY_S fits, or one at its end fits best: loggers that started apart
-MIN_TICKS = 2000
 ROWS, CURRENT_ROWS = 8000, 5000  # of the regressions
 CURRENT_KNOTS = (0.0, 0.03, 0.2, 0.4, 0.6, 0.8, 0.97, 1.0)
 CURRENT_STEP = 2  # ticks between shifts of the current
-FACTOR, FLOOR = 1.35, 0.02  # error that still counts as a fit: a multiple of the least, and never below the floor
-CURRENT_FACTOR, CURRENT_FLOOR = 1.12, 0.025
-LIKELY_S, LIKELY_FACTOR, LIKELY_FLOOR, LIKELY_ERROR = 0.015, 1.15, 0.01, 0.2  # of a delay that is probable only
-LIKELY_WIDTH_S = 0.05  # of the interval
-FOLLOWING = 0.7  # least share of a current that does not follow the motion
-MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these signals
 
 
 @dataclass(frozen=True)
@@ -64,7 +56,7 @@ class DelayEstimate:
     high_s: float
     error_at_zero: float
     least_error: float
-    reach_s: float = MAX_DELAY_S
+    reach_s: float = DelayLimits.MAX_S
     alternatives: tuple[str, ...] = ()
 
     @property
@@ -75,9 +67,16 @@ class DelayEstimate:
     @property
     def likely(self) -> bool:
         """Whether a delay beyond the lags of dampers fits clearly better than none; none cannot be excluded."""
-        limit = max(LIKELY_FACTOR * self.least_error, float(np.hypot(self.least_error, LIKELY_FLOOR)))
-        narrow = self.high_s - self.low_s < LIKELY_WIDTH_S  # a single fast sine fits at any phase
-        return narrow and abs(self.late_s) > LIKELY_S and self.least_error < LIKELY_ERROR and self.error_at_zero > limit
+        limit = max(
+            DelayLimits.LIKELY_FACTOR * self.least_error, float(np.hypot(self.least_error, DelayLimits.LIKELY_FLOOR))
+        )
+        narrow = self.high_s - self.low_s < DelayLimits.LIKELY_WIDTH_S  # a single fast sine fits at any phase
+        return (
+            narrow
+            and abs(self.late_s) > DelayLimits.LIKELY_S
+            and self.least_error < DelayLimits.CLOSE_ERROR
+            and self.error_at_zero > limit
+        )
 
     @property
     def open_ended(self) -> bool:
@@ -96,45 +95,52 @@ class DelayEstimate:
 
 
 def force_delay(motion: Motion, far: bool = True) -> DelayEstimate | None:
-    """Return how late the force is after the position, None if unknown; `far`: beyond MAX_DELAY_S if none fits."""
-    if len(motion) < MIN_TICKS or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
+    """Return how late the force is after the position, None if unknown; `far`: beyond MAX_S if none fits."""
+    if len(motion) < DelayLimits.MIN_TICKS or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
         return None
-    near = _force_delay_within(motion, MAX_DELAY_S)
-    settled = near is not None and not near.open_ended and not near.certain and near.least_error < LIKELY_ERROR
+    near = _force_delay_within(motion, DelayLimits.MAX_S)
+    settled = (
+        near is not None and not near.open_ended and not near.certain and near.least_error < DelayLimits.CLOSE_ERROR
+    )
     if not far or settled:
         return near
-    wide = _force_delay_within(motion, FAR_S)
-    if wide is None or wide.open_ended or wide.least_error > LIKELY_ERROR or abs(wide.late_s) <= MAX_DELAY_S:
+    wide = _force_delay_within(motion, DelayLimits.FAR_S)
+    if (
+        wide is None
+        or wide.open_ended
+        or wide.least_error > DelayLimits.CLOSE_ERROR
+        or abs(wide.late_s) <= DelayLimits.MAX_S
+    ):
         return near
-    return wide if near is None or FACTOR * wide.least_error < near.least_error else near
+    return wide if near is None or DelayLimits.FACTOR * wide.least_error < near.least_error else near
 
 
 def _force_delay_within(motion: Motion, reach_s: float) -> DelayEstimate | None:
     """Return the delay if one of up to `reach_s` fits, and the parts of the motion are long enough for such shifts."""
     features, reach = force_features(motion), round(reach_s * RATE_HZ)
     rows = _rows(motion, reach, ROWS)
-    if len(rows) < MIN_TICKS // 2:
+    if len(rows) < DelayLimits.MIN_TICKS // 2:
         return None
     shifts = np.arange(-reach, reach + 1)
     targets = np.stack([motion.force[rows + shift] for shift in shifts], axis=1)
 
     def estimate(*more: F) -> DelayEstimate | None:
         errors = fit_errors(np.concatenate([features, *more])[:, rows].T, targets)
-        return _as_delay(shifts / RATE_HZ, errors, FACTOR, FLOOR)
+        return _as_delay(shifts / RATE_HZ, errors, DelayLimits.FACTOR, DelayLimits.FLOOR)
 
     return _with_alternatives(motion, estimate)
 
 
 def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | None:
     """Return how late the current is after the force, which is `force_late_s` after the position; None if unknown."""
-    if len(motion) < MIN_TICKS or is_constant(motion.current) or motion.speed.std() == 0.0:
+    if len(motion) < DelayLimits.MIN_TICKS or is_constant(motion.current) or motion.speed.std() == 0.0:
         return None
-    reach, late = round(MAX_DELAY_S * RATE_HZ), round(force_late_s * RATE_HZ)
+    reach, late = round(DelayLimits.MAX_S * RATE_HZ), round(force_late_s * RATE_HZ)
     rows = _rows(motion, reach + abs(late), CURRENT_ROWS)
     speeds, n = hats(motion.speed, CURRENT_KNOTS), normalize(motion.current)
     alone = np.concatenate([speeds, lag(speeds, LAGS_S[1]), normalize(motion.position)[None]])[:, rows]
     currents = [*(lag(n, seconds) for seconds in VALVE_LAGS_S), n**2, lag(n**2, VALVE_LAGS_S[1])]
-    if fit_errors(alone.T, n[rows][:, None])[0] < FOLLOWING:
+    if fit_errors(alone.T, n[rows][:, None])[0] < DelayLimits.MAX_WITHOUT_CURRENT:
         return None
     target = motion.force[rows + late][:, None]
     shifts = np.arange(-reach, reach + 1, CURRENT_STEP)
@@ -145,7 +151,7 @@ def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | 
             moved = (speeds[:, rows] * c[rows + late + shift] for c in currents)
             features = np.concatenate([alone, *(one[:, rows] for one in more), *moved])
             errors.append(fit_errors(features.T, target)[0])
-        return _as_delay(shifts / RATE_HZ, np.array(errors), CURRENT_FACTOR, CURRENT_FLOOR)
+        return _as_delay(shifts / RATE_HZ, np.array(errors), DelayLimits.CURRENT_FACTOR, DelayLimits.CURRENT_FLOOR)
 
     return _with_alternatives(motion, estimate)
 
@@ -175,7 +181,7 @@ def _rows(motion: Motion, margin: int, most: int) -> I:
 
 def _as_delay(shifts_s: F, errors: F, factor: float, floor: float) -> DelayEstimate | None:
     best = int(np.argmin(errors))
-    if errors[best] > MAX_ERROR:
+    if errors[best] > DelayLimits.MAX_ERROR:
         return None
     limit = max(factor * float(errors[best]), float(np.hypot(errors[best], floor)))
     low, high = (_crossing(shifts_s, errors, limit, best, step) for step in (-1, 1))
@@ -204,9 +210,7 @@ def _vertex(shifts_s: F, errors: F, best: int) -> float:
     return float(shifts_s[best] + offset * (shifts_s[1] - shifts_s[0]))
 
 
-MIN_DELAY_S, WRONG_DELAY_S = 0.002, 0.005  # that the interval must exclude to be reported; to be refused
 BLOCK_TICKS = 500
-MIN_WORK, MIN_BLOCKS = 0.3, 0.8  # share of the power that is negative on balance, and of the blocks
 
 
 def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
@@ -234,7 +238,7 @@ def is_reversed(motion: Motion, delay: DelayEstimate | None) -> bool:
         return False
     late = delay.late_s if delay is not None and delay.certain else 0.0
     balance, returned = dissipation(motion, late)
-    return balance < -MIN_WORK and returned > MIN_BLOCKS
+    return balance < -SignLimits.MIN_WORK and returned > SignLimits.MIN_BLOCKS
 
 
 def sign_findings(motion: Motion, delay: DelayEstimate | None = None) -> Iterator[Finding]:
@@ -257,7 +261,7 @@ def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Find
     if force is not None:
         yield from _describe("force", "position", force, motion)
     offset = force.late_s if force is not None and force.certain else 0.0
-    if abs(offset) > 0.5 * MAX_DELAY_S:  # the shifts that are tried do not reach the position's time
+    if abs(offset) > 0.5 * DelayLimits.MAX_S:  # the shifts that are tried do not reach the position's time
         return
     current = current_delay(motion, offset)
     if current is not None and current.certain and not current.low_s <= -offset <= current.high_s:
@@ -265,7 +269,7 @@ def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Find
 
 
 def _describe(signal: str, other: str, delay: DelayEstimate, motion: Motion) -> Iterator[Finding]:
-    if abs(delay.nearest_s) >= MIN_DELAY_S:
+    if abs(delay.nearest_s) >= DelayLimits.MIN_S:
         yield _describe_delay(signal, other, delay, motion)
     elif delay.likely and not delay.alternatives:
         yield _describe_likely(signal, other, delay)
@@ -274,10 +278,10 @@ def _describe(signal: str, other: str, delay: DelayEstimate, motion: Motion) -> 
 def _current_instead(motion: Motion, force: DelayEstimate) -> DelayEstimate | None:
     """Return the delay of the current if it explains the force at least as well as `force`, that of the force, does."""
     current = current_delay(motion)
-    if current is None or abs(current.late_s) < MIN_DELAY_S:
+    if current is None or abs(current.late_s) < DelayLimits.MIN_S:
         return None
     again = force_delay(replace(motion, current=np.roll(motion.current, -round(current.late_s * RATE_HZ))))
-    in_line = again is not None and abs(again.nearest_s) < MIN_DELAY_S and not again.likely
+    in_line = again is not None and abs(again.nearest_s) < DelayLimits.MIN_S and not again.likely
     return current if again is not None and in_line and again.error_at_zero <= force.least_error else None
 
 
@@ -301,7 +305,7 @@ def _describe_delay(signal: str, other: str, delay: DelayEstimate, motion: Motio
         others = " or ".join(LOOK_ALIKES[effect] for effect in delay.alternatives).format(kg=moved_mass(motion))
         text = f"{1e3 * abs(delay.late_s):.0f} ms {relation}, or {others}: these recordings cannot tell; compare how "
         return DelayFinding(WARNING, f"{name}: {text}both are stamped, and set {key} if it is late", name)
-    sure = signal != "current" and abs(delay.nearest_s) >= WRONG_DELAY_S  # a slow valve, or a bypass, looks alike
+    sure = signal != "current" and abs(delay.nearest_s) >= DelayLimits.WRONG_S  # a slow valve, or a bypass, looks alike
     return DelayFinding(WRONG_MODEL if sure else WARNING, f"{name}: logged {text}", name)
 
 
@@ -331,8 +335,6 @@ def _name_late(signal: str, other: str, late_s: float) -> tuple[str, str, float]
 
 
 THIRDS = ((0.0, 1.0 / 3.0), (1.0 / 3.0, 2.0 / 3.0), (2.0 / 3.0, 1.0))  # of the position's samples
-MIN_CHANGE_S, CLEARLY = 0.01, 0.5  # between the first and the last third; in widths of the intervals
-STEADY = 0.35  # of the change, by which the middle may miss the mean of both ends
 
 
 def find_clock_drift(recording: Recording) -> Finding | None:
@@ -350,23 +352,22 @@ def find_clock_drift(recording: Recording) -> Finding | None:
     first, middle, last = delays
     # more than what the damper's elasticity, which is in both, leaves open
     change, width = last.late_s - first.late_s, max(delay.high_s - delay.low_s for delay in (first, last))
-    if first.beyond or last.beyond or abs(change) <= max(MIN_CHANGE_S, CLEARLY * width):
+    if first.beyond or last.beyond or abs(change) <= max(DriftLimits.MIN_CHANGE_S, DriftLimits.CLEARLY * width):
         return None
-    if abs(middle.late_s - 0.5 * (first.late_s + last.late_s)) > STEADY * abs(change):
+    if abs(middle.late_s - 0.5 * (first.late_s + last.late_s)) > DriftLimits.STEADY * abs(change):
         return None
     return _describe_drift(first.late_s, last.late_s)
 
 
-MAX_DRIFT, DRIFT_STEPS = 5e-3, 41  # of clocks, in seconds per second; of the rates that are tried on each side
-DRIFT_FACTOR, MAX_DRIFT_ERROR = 1.25, 0.3  # of the error that still counts as a fit; of the best fit
+DRIFT_STEPS = 41  # of the rates that are tried on each side
 
 
 def find_drift_within(motion: Motion, delay: DelayEstimate | None = None) -> Finding | None:
     """Return a finding if the force fits clearly better at a delay that grows with time than at none and at `delay`."""
     seconds = len(motion) / RATE_HZ
-    rates = np.linspace(-MAX_DRIFT, MAX_DRIFT, 2 * DRIFT_STEPS + 1)
-    rows = _rows(motion, round(MAX_DRIFT * seconds * RATE_HZ), ROWS)
-    if len(rows) < MIN_TICKS // 2 or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
+    rates = np.linspace(-DriftLimits.MAX_RATE, DriftLimits.MAX_RATE, 2 * DRIFT_STEPS + 1)
+    rows = _rows(motion, round(DriftLimits.MAX_RATE * seconds * RATE_HZ), ROWS)
+    if len(rows) < DelayLimits.MIN_TICKS // 2 or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
         return None
     features, ticks = force_features(motion), np.arange(len(motion))
     features = np.concatenate([features, *alternative_features(motion).values()])[:, rows].T
@@ -374,15 +375,17 @@ def find_drift_within(motion: Motion, delay: DelayEstimate | None = None) -> Fin
     for origin in (0.0, 0.5):
         late = np.outer(rows - origin * len(motion), rates)
         targets = np.interp(rows[:, None] + late, ticks, motion.force)
-        drift = _as_delay(rates, fit_errors(features, targets), DRIFT_FACTOR, FLOOR)
+        drift = _as_delay(rates, fit_errors(features, targets), DriftLimits.FACTOR, DelayLimits.FLOOR)
         if drift is not None and (best is None or drift.least_error < best[1].least_error):
             best = origin, drift
-    if best is None or not best[1].certain or best[1].least_error > MAX_DRIFT_ERROR:
+    if best is None or not best[1].certain or best[1].least_error > DriftLimits.MAX_ERROR:
         return None
-    if delay is not None and DRIFT_FACTOR * best[1].least_error > delay.least_error:
+    if delay is not None and DriftLimits.FACTOR * best[1].least_error > delay.least_error:
         return None
     change = best[1].late_s * seconds
-    return _describe_drift(-best[0] * change, (1.0 - best[0]) * change) if abs(change) > MIN_CHANGE_S else None
+    return (
+        _describe_drift(-best[0] * change, (1.0 - best[0]) * change) if abs(change) > DriftLimits.MIN_CHANGE_S else None
+    )
 
 
 def _describe_drift(first_s: float, last_s: float) -> Finding:

@@ -14,17 +14,14 @@ from scipy.signal import butter, sosfiltfilt
 
 from ces_data.arrays import F
 from ces_data.findings import WARNING, WRONG_MODEL, DelayFinding, Finding
+from ces_data.limits import DerivativeLimits
 from ces_data.recording import Recording
 from ces_data.samples import remove_spikes
 from ces_observer.signals import MOTIONS, UNITS
 
 BAND_HZ = (1.0, 20.0)  # [Hz] in which sensors of both kinds are trustworthy
-SCALE_RANGE = (0.7, 1.4)  # of the signal over the derivative of the position; the rest is a wrong unit
-MAX_MEAN = 0.3  # of the signal over its standard deviation; more is gravity or an offset
-MIN_CORRELATION = 0.5
-MIN_SAMPLES, MAX_S = 64, 60.0  # of a channel; of the stretch that is compared
+MAX_S = 60.0  # of the stretch that is compared
 REACH_S, RESOLUTION_S = 0.02, 5e-5  # of the lag; half a period of 20 Hz is 25 ms, and a turned sign looks like it
-LATE_S = 0.002  # [s] that are worth a word: the band brake's speeds are 0.0 to 0.4 ms off, the shaking table's 5 ms
 
 
 @dataclass(frozen=True)
@@ -51,13 +48,13 @@ class DerivativeComparison:
 def compare_derivative(recording: Recording, signal: str) -> DerivativeComparison | None:
     """Return the comparison of "speed" or "acceleration" with the position; None if there is too little of one."""
     channels = [recording.channels[name].in_order() for name in ("position", signal) if name in recording.channels]
-    if len(channels) < 2 or min(map(len, channels)) < MIN_SAMPLES:
+    if len(channels) < 2 or min(map(len, channels)) < DerivativeLimits.MIN_SAMPLES:
         return None
     position, measured = channels
     begin = max(int(c.stamps_ns[0]) for c in channels)
     end = min(*(int(c.stamps_ns[-1]) for c in channels), begin + round(MAX_S * 1e9))
     count = int(np.ptp(np.searchsorted(position.stamps_ns, (begin, end))))
-    if end <= begin or count < MIN_SAMPLES:
+    if end <= begin or count < DerivativeLimits.MIN_SAMPLES:
         return None
     rate = count * 1e9 / (end - begin)
     even = begin + np.arange(count) * (1e9 / rate)
@@ -103,17 +100,17 @@ def describe_faults(compared: DerivativeComparison, severity: str = WRONG_MODEL)
     """Yield the fault of a signal that contradicts the position, with its remedy, or its lag."""
     signal, scale, raw = compared.signal, compared.scale, compared.raw
     where = "in the signals file"
-    if not abs(compared.correlation) >= MIN_CORRELATION:
+    if not abs(compared.correlation) >= DerivativeLimits.MIN_CORRELATION:
         text = f"does not follow the position (correlation {compared.correlation:.2f} in {BAND_HZ[0]:g} to "
         text += f"{BAND_HZ[1]:g} Hz); check its topic, field and stamps, or drop it from the signals file"
-    elif not SCALE_RANGE[0] <= scale <= SCALE_RANGE[1]:
+    elif not DerivativeLimits.SCALE_RANGE[0] <= scale <= DerivativeLimits.SCALE_RANGE[1]:
         text = (
             f"is {scale:.2g} times what the position's derivative says; multiply its scale {where} by {1 / scale:.2g}"
         )
-    elif abs(raw.mean()) > MAX_MEAN * raw.std():
+    elif abs(raw.mean()) > DerivativeLimits.MAX_MEAN * raw.std():
         text = f"has a mean of {raw.mean():.3g} {UNITS[signal]}, {abs(raw.mean()) / raw.std():.1f} times its standard "
         text += f"deviation; add {-raw.mean():.3g} to its offset {where}"
-    elif abs(compared.late_s) >= LATE_S:
+    elif abs(compared.late_s) >= DerivativeLimits.LATE_S:
         side = "after" if compared.late_s > 0.0 else "before"
         text = f"logged {1e3 * abs(compared.late_s):.1f} ms {side} the differentiated position; add "
         text += f"{compared.late_s:.4f} to the key delay (default 0) of {signal} {where}"

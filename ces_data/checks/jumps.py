@@ -13,25 +13,20 @@ import numpy as np
 
 from ces_data.arrays import I
 from ces_data.checks.motion import fit_errors, force_features, recorded_motion
-from ces_data.checks.sensors import MIN_SAMPLES, OTHER, REMEDY, WRONG_STUCK, count_times
-from ces_data.findings import BAD_SHARE, WARNING, WRONG_MODEL, Finding, runs_of_equal
+from ces_data.checks.sensors import OTHER, REMEDY, count_times
+from ces_data.findings import WARNING, WRONG_MODEL, Finding, runs_of_equal
+from ces_data.limits import JumpLimits, LossLimits, RecordingLimits, SensorLimits
 from ces_data.recording import Channel, Recording
-from ces_data.samples import GAP_INTERVALS, JUMP_SPANS, MAX_SPIKE, find_jumps, find_spikes, mask_lost, without_spikes
+from ces_data.samples import find_jumps, find_spikes, mask_lost, without_spikes
 
 FIT = "they are left out of the fit"
 USE = {"position": FIT, "current": FIT, "force": "they are neither fitted nor scored"}
-EDGE = 3  # samples beside a dropout that belong to it
-JUMP_M_NS = 10.0 * 1e-9  # speed of a position's jump: no piston's
-MIN_DISTINCT = 0.8  # of the stamps: samples with rounded times jump
-MIN_OVERFLOWS, MIN_UNWRAPPED = 6, 0.9  # jumps by the whole range; span without the jumps, in jumps
-MIN_ERROR, BETTER = 0.2, 0.7  # of the force's map: more than a damper's; without the jumps, of that with them
-OFTEN, UNLIKE_FORCE = 0.003, 0.5  # of the steps; error of a force that jumps too often to undo it
 OVERFLOWS = "its counter or converter overflows: undo these jumps, or record with a larger range"
 
 
 def split_spikes(recording: Recording) -> tuple[Recording, list[Finding]]:
     """Return the recording without spikes and dropouts, and the findings on these and on the jumps that are left."""
-    lost = [f for name in JUMP_SPANS if name in recording.channels for f in _lost(name, recording)]
+    lost = [f for name in LossLimits.JUMP_SPANS if name in recording.channels for f in _lost(name, recording)]
     clean = without_spikes(recording) if lost else recording
     jumps = [f for name in OTHER if name in clean.channels for f in _jumping(name, clean)]
     jumping = {f.signal for f in jumps}  # spikes of the same signal are short jumps
@@ -44,20 +39,24 @@ def _lost(name: str, recording: Recording) -> Iterator[Finding]:
     spikes = find_spikes(channel)
     lost = ~np.isfinite(mask_lost(recording, name).values) & np.isfinite(channel.values) & ~spikes
     if lost.any():
-        spikes &= np.convolve(lost, np.ones(2 * EDGE + 1), "same") < 0.5
+        spikes &= np.convolve(lost, np.ones(2 * JumpLimits.EDGE + 1), "same") < 0.5
     at = (channel.stamps_ns - channel.stamps_ns[:1]) * 1e-9
     if spikes.any():
         first = int(np.argmax(spikes))
-        many = spikes.mean() > BAD_SHARE
+        many = spikes.mean() > RecordingLimits.BAD_SHARE
         longest = max(b - a for a, b in runs_of_equal(spikes.astype(np.int64)) if spikes[a])
-        what = "are spikes, or between two jumps" if many or longest > MAX_SPIKE else "are spikes"
+        what = "are spikes, or between two jumps" if many or longest > LossLimits.MAX_SPIKE else "are spikes"
         text = f"{name}: {int(spikes.sum())} of {len(channel)} samples {what}, first {channel.values[first]:.4g} "
         text += f"{channel.unit} at {at[first]:.3f} s; "
-        text += f"expected at most {BAD_SHARE:.0%}: check sensor and cable, and its range" if many else USE[name]
+        text += (
+            f"expected at most {RecordingLimits.BAD_SHARE:.0%}: check sensor and cable, and its range"
+            if many
+            else USE[name]
+        )
         yield Finding(WRONG_MODEL if many else WARNING, text, name)
     if lost.any():
         begins = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0) == 1)
-        wrong = lost.mean() > WRONG_STUCK
+        wrong = lost.mean() > SensorLimits.WRONG_SHARE
         times = f"{count_times(len(begins))} {at[begins[0]]:.2f} s, {lost.mean():.1%} of the time"
         text = f"{name}: stuck {times}, and jumps; {REMEDY if wrong else USE[name]}"
         yield Finding(WRONG_MODEL if wrong else WARNING, text, name)
@@ -67,20 +66,20 @@ def _jumping(name: str, recording: Recording) -> Iterator[Finding]:
     """Yield a finding if a position or force jumps as its counter overflows, or a position as no piston moves."""
     sound = recording.channels[name].in_order()
     stamps, values = sound.stamps_ns, sound.values
-    if len(values) < max(MIN_SAMPLES, MIN_DISTINCT * len(recording.channels[name])):
+    if len(values) < max(SensorLimits.MIN_SAMPLES, JumpLimits.MIN_DISTINCT * len(recording.channels[name])):
         return
     steps, intervals, period = np.diff(values), np.diff(stamps), float(np.ptp(values))
-    jumps = find_jumps(values, JUMP_SPANS["position"] * float(np.ptp(np.percentile(values, (0.5, 99.5)))))
-    jumps = jumps[intervals[jumps] <= GAP_INTERVALS * np.median(intervals)]
+    jumps = find_jumps(values, LossLimits.JUMP_SPANS["position"] * float(np.ptp(np.percentile(values, (0.5, 99.5)))))
+    jumps = jumps[intervals[jumps] <= RecordingLimits.GAP_INTERVALS * np.median(intervals)]
     whole = np.flatnonzero(np.abs(steps) > 0.5 * period)  # of a counter that overflows all the time
     candidates = [(jumps, float(np.median(np.abs(steps[jumps]))))] if len(jumps) > 1 else []
-    candidates += [(whole, period)] if len(whole) >= MIN_OVERFLOWS else []
+    candidates += [(whole, period)] if len(whole) >= JumpLimits.MIN_OVERFLOWS else []
     logged = _map_error(recording) if candidates else 0.0
-    limit = logged if name == "position" else BETTER * logged if logged > MIN_ERROR else 0.0
+    limit = logged if name == "position" else JumpLimits.BETTER * logged if logged > JumpLimits.MIN_ERROR else 0.0
     for at, size in candidates:
         undone = np.isin(np.arange(len(steps)), at) * np.sign(steps) * size
         unwrapped = np.cumsum(np.append(values[0], steps - undone))
-        if limit == 0.0 or np.ptp(unwrapped) < MIN_UNWRAPPED * size:
+        if limit == 0.0 or np.ptp(unwrapped) < JumpLimits.MIN_UNWRAPPED * size:
             continue  # the error is a damper's, or the signal flips
         if (
             _map_error(replace(recording, channels={**recording.channels, name: replace(sound, values=unwrapped)}))
@@ -88,9 +87,13 @@ def _jumping(name: str, recording: Recording) -> Iterator[Finding]:
         ):
             yield Finding(WRONG_MODEL, f"{_describe(name, sound, at, size)}; {OVERFLOWS}", name)
             return
-    if name == "force" and len(whole) > OFTEN * len(steps) and logged > UNLIKE_FORCE:
+    if name == "force" and len(whole) > JumpLimits.OFTEN * len(steps) and logged > JumpLimits.UNLIKE_FORCE:
         yield Finding(WRONG_MODEL, f"{_describe(name, sound, whole, 0.5 * period)} or more; {OVERFLOWS}", name)
-    if name == "position" and len(jumps) and np.median(np.abs(steps[jumps]) / intervals[jumps]) > JUMP_M_NS:
+    if (
+        name == "position"
+        and len(jumps)
+        and np.median(np.abs(steps[jumps]) / intervals[jumps]) > 1e-9 * JumpLimits.PISTON_M_S
+    ):
         size = float(np.median(np.abs(steps[jumps])))
         yield Finding(WRONG_MODEL, f"{_describe(name, sound, jumps, size)}, as no piston moves; {REMEDY}", name)
 

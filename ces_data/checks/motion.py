@@ -13,12 +13,12 @@ import numpy as np
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from ces_data.arrays import F, I
+from ces_data.limits import DamperLimits, DelayLimits
 from ces_data.recording import Channel, Recording
 from ces_data.samples import remove_spikes
 
 RATE_HZ = 500.0  # of the ticks
 BAND_HZ = 50.0  # of the low-pass, or 0.4 of the lowest sampling rate
-MIN_RATE_HZ = 20.0
 MIN_S, MAX_S = 2.0, 60.0  # of the stretch; of a longer one, the part with the fastest motion
 GAP_S, GAP_INTERVALS = 0.05, 10.0
 
@@ -69,7 +69,7 @@ def recorded_motion(recording: Recording) -> Motion | None:
     begin, end = (int(edge) for edge in spans[np.argmax(spans[:, 1] - spans[:, 0])])
     seconds = (end - begin) * 1e-9
     sampled_Hz = min(_count(channel, begin, end) for channel in channels) / max(seconds, 1e-9)
-    if seconds < MIN_S or sampled_Hz < MIN_RATE_HZ:
+    if seconds < MIN_S or sampled_Hz < DamperLimits.MIN_RATE_HZ:
         return None
     finer = max(1, int(sampled_Hz // RATE_HZ))
     rate = RATE_HZ * finer
@@ -135,7 +135,6 @@ COARSE_KNOTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 LAGS_S = (0.0, 0.003, 0.008)  # memory of the force
 VALVE_LAGS_S = (0.0, 0.01, 0.025)
 RIDGE = 1e-5
-SAME_CURRENT = 0.02  # relative spread below which a current counts as constant
 
 
 def force_features(motion: Motion) -> F:
@@ -148,7 +147,6 @@ def force_features(motion: Motion) -> F:
     return np.concatenate([*(lag(base, seconds) for seconds in LAGS_S), normalize(motion.position)[None]])
 
 
-MAX_MASS_KG = 300.0  # between piston and load cell; the carriage of a servo axis has 100
 ACCELERATION_HZ = (12.0, 25.0, BAND_HZ)
 SLOW_VALVE_LAGS_S = (0.05, 0.12)
 INERTIA, SPRING, SLOW_VALVE = "inertia", "position", "valve"
@@ -157,7 +155,7 @@ INERTIA, SPRING, SLOW_VALVE = "inertia", "position", "valve"
 def alternative_features(motion: Motion) -> dict[str, F]:
     """Return the features (k, n) of what looks like a delay: inertia, forces that depend on position, a slow valve.
 
-    Inertia is missing if only a negative mass, or one beyond MAX_MASS_KG, fits.
+    Inertia is missing if only a negative mass, or one beyond DelayLimits.MAX_MASS_KG, fits.
     """
     speeds, x = hats(motion.speed, COARSE_KNOTS), normalize(motion.position)
     at = hats(motion.position, COARSE_KNOTS)
@@ -165,7 +163,7 @@ def alternative_features(motion: Motion) -> dict[str, F]:
     if not is_constant(motion.current):
         maps += [x * (n := normalize(motion.current)), x**2 * n]
     features = {SPRING: np.concatenate([at, *(speeds * feature for feature in maps)])}
-    if 0.0 < moved_mass(motion) <= MAX_MASS_KG:
+    if 0.0 < moved_mass(motion) <= DelayLimits.MAX_MASS_KG:
         low_passes = (butter(2, hertz, fs=RATE_HZ, output="sos") for hertz in ACCELERATION_HZ)  # against its noise
         features[INERTIA] = np.stack([normalize(sosfiltfilt(low, np.gradient(motion.speed))) for low in low_passes])
     if not is_constant(motion.current):
@@ -186,7 +184,7 @@ def moved_mass(motion: Motion) -> float:
 
 def is_constant(current: F) -> bool:
     """Return whether a current hardly changes."""
-    return bool(current.std() <= SAME_CURRENT * max(abs(float(current.mean())), 1e-3))
+    return bool(current.std() <= DelayLimits.SAME_CURRENT * max(abs(float(current.mean())), 1e-3))
 
 
 def hats(values: F, quantiles: tuple[float, ...]) -> F:

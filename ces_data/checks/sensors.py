@@ -16,22 +16,10 @@ from scipy.interpolate import CubicSpline
 from ces_data.arrays import F, I, Mask
 from ces_data.checks.motion import RATE_HZ, Motion, fit_errors, force_features, is_constant
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, SaturationFinding, mean_rate, runs_of_equal
+from ces_data.limits import CurrentLimits, DamperLimits, RateLimits, SensorLimits
 from ces_data.recording import Channel, Recording
 
-MIN_SAMPLES = 1000
-MIN_LEVELS = {"position": 100, "force": 50}  # values in the range, below which a quantum is coarse
-COARSE_REPEATS = 0.5  # share of samples that repeat the one before; noise larger than the quantum leaves fewer
-SAMPLES_A_LEVEL = 10  # from which on the values are those of a converter
-SPEED_SPAN_S, SPEED_BAND_HZ, MAX_SPEED_NOISE = 0.05, 50.0, 0.05  # of a model's speed; share that a quantum may disturb
-NOISY_REPEATS = 0.3  # share of repeats up to which a channel is noisy, so that a long run of them is a fault
-STUCK_S, STUCK_SAMPLES = 0.1, 50
-UNUSUAL = 3.0  # length of a run of equal forces over that of the longest usual one
-FINE_S, FINE_SAMPLES, FINE_REPEATS = 0.01, 15, 0.1  # of a force of which at most one sample in ten repeats the last
-STUCK_CHANGE = {"position": 0.3, "force": 0.1}  # change of the other signal meanwhile, of its range
-WRONG_STUCK = 0.02  # share of the time
-MAX_VISIT = 0.5  # of the samples at a limit: a single longer visit is a sensor that is stuck there
-JUMP = 5.0  # a signal's return from a stuck value, in its largest steps elsewhere
-HELD_SAMPLES, HELD_STEPS = 3, 4.0  # repeats of each value, and steps between values in quanta
+SPEED_SPAN_S, SPEED_BAND_HZ = 0.05, 50.0  # of a model's speed
 OTHER = {"position": "force", "force": "position"}
 
 
@@ -39,7 +27,7 @@ def sensor_findings(recording: Recording) -> Iterator[Finding]:
     """Yield the findings on position and force."""
     channels = {name: recording.channels[name].finite() for name in OTHER if name in recording.channels}
     for name, channel in channels.items():
-        if len(channel) < MIN_SAMPLES:
+        if len(channel) < SensorLimits.MIN_SAMPLES:
             continue
         if np.ptp(channel.values) == 0.0:
             if name == "force":  # `findings` reports a constant position
@@ -56,40 +44,54 @@ def sensor_findings(recording: Recording) -> Iterator[Finding]:
 def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[float]) -> Iterator[Finding]:
     """Yield stretches in which a noisy channel repeats a value, not its usual limit, while the other changes."""
     lengths = np.diff(runs, axis=1)[:, 0]
-    fine = channel.name == "force" and 1.0 - len(runs) / len(channel) <= FINE_REPEATS
-    long, noisy = _long_runs(channel, runs, *((FINE_S, FINE_SAMPLES) if fine else (STUCK_S, STUCK_SAMPLES)))
+    fine = channel.name == "force" and 1.0 - len(runs) / len(channel) <= SensorLimits.FINE_REPEATS
+    long, noisy = _long_runs(
+        channel,
+        runs,
+        *(
+            (SensorLimits.FINE_S, SensorLimits.FINE_SAMPLES)
+            if fine
+            else (SensorLimits.STUCK_S, SensorLimits.STUCK_SAMPLES)
+        ),
+    )
     if other is None or noisy is None:
         return
     for limit in limits:
         visits = channel.values[runs[:, 0]] == limit
-        if lengths[visits].max() < MAX_VISIT * lengths[visits].sum():
+        if lengths[visits].max() < SensorLimits.MAX_VISIT * lengths[visits].sum():
             long &= ~visits
-    unusual = lengths > UNUSUAL * max(lengths[~long].max(), 1) if channel.name == "force" else np.zeros(len(runs), bool)
+    unusual = (
+        lengths > SensorLimits.UNUSUAL * max(lengths[~long].max(), 1)
+        if channel.name == "force"
+        else np.zeros(len(runs), bool)
+    )
     suspects = runs[long] if noisy else runs[long & (unusual | _jumps(channel.values, runs))]
     spans = [(int(channel.stamps_ns[a + 1]), int(channel.stamps_ns[b - 2])) for a, b in suspects]
-    moved = [span for span in spans if _change(other, *span) > STUCK_CHANGE[channel.name]]
+    moved = [span for span in spans if _change(other, *span) > SensorLimits.STUCK_CHANGE[channel.name]]
     if not moved:
         return
     total = sum(b - a for a, b in moved) / max(int(np.ptp(channel.stamps_ns)), 1)
     first = (moved[0][0] - int(channel.stamps_ns[0])) * 1e-9
     times = f"{count_times(len(moved))} {first:.2f} s, {total:.1%} of the time"
-    severity = WRONG_MODEL if total > WRONG_STUCK else WARNING
+    severity = WRONG_MODEL if total > SensorLimits.WRONG_SHARE else WARNING
     yield Finding(severity, f"{channel.name}: stuck {times}, while the {other.name} changes; {REMEDY}", channel.name)
 
 
-def _long_runs(channel: Channel, runs: I, seconds: float, samples: int = STUCK_SAMPLES) -> tuple[Mask, bool | None]:
+def _long_runs(
+    channel: Channel, runs: I, seconds: float, samples: int = SensorLimits.STUCK_SAMPLES
+) -> tuple[Mask, bool | None]:
     """Return which runs of equal values are long; and whether the channel is noisy otherwise, None if unknown."""
     lengths = np.diff(runs, axis=1)[:, 0]
     long = lengths >= max(samples, seconds * mean_rate(channel))
     short = lengths[~long]
     known = long.any() and len(short) > 0
-    return long, bool((short - 1).sum() <= NOISY_REPEATS * short.sum()) if known else None
+    return long, bool((short - 1).sum() <= SensorLimits.NOISY_REPEATS * short.sum()) if known else None
 
 
 def _jumps(values: F, runs: I) -> Mask:
     """Return for each run (n,) whether the signal jumps to it or from it, as it does nowhere else."""
     steps = np.abs(np.diff(values, prepend=values[:1], append=values[-1:]))  # before each sample, and after the last
-    limit = JUMP * float(np.percentile(steps, 99.5))
+    limit = SensorLimits.JUMP * float(np.percentile(steps, 99.5))
     return np.asarray(np.maximum(steps[runs[:, 0]], steps[runs[:, 1]]) > limit)
 
 
@@ -97,9 +99,13 @@ def _held(channel: Channel, runs: I) -> Iterator[Finding]:
     """Yield a finding if a channel repeats each of its samples: it was logged faster than it was measured."""
     steps = np.abs(np.diff(channel.values[runs[:, 0]]))
     lengths = np.diff(runs[:, 0])
-    if len(lengths) < 50 or np.median(lengths) < HELD_SAMPLES or np.percentile(lengths, 10) < HELD_SAMPLES - 1:
+    if (
+        len(lengths) < SensorLimits.MIN_VALUES
+        or np.median(lengths) < SensorLimits.HELD_SAMPLES
+        or np.percentile(lengths, 10) < SensorLimits.HELD_SAMPLES - 1
+    ):
         return
-    if np.median(steps) >= HELD_STEPS * np.percentile(steps, 1):
+    if np.median(steps) >= SensorLimits.HELD_STEPS * np.percentile(steps, 1):
         rate, times = mean_rate(channel), np.median(lengths)
         text = (
             f"{channel.name}: stamped at {rate:.0f} Hz, but each value is repeated {times:.0f} times: it is measured "
@@ -114,11 +120,11 @@ def _coarse(channel: Channel, runs: I) -> Iterator[Finding]:
     inside = channel.values[(channel.values >= low) & (channel.values <= high)]
     levels, repeats = len(np.unique(inside)), 1.0 - len(runs) / len(channel)
     disturbance = ""
-    if channel.name == "position" and levels >= 2 and len(inside) >= SAMPLES_A_LEVEL * levels:
+    if channel.name == "position" and levels >= 2 and len(inside) >= SensorLimits.SAMPLES_A_LEVEL * levels:
         disturbance = _describe_disturbance(channel, float(high - low) / (levels - 1))
     if disturbance:
         yield Finding(WARNING, disturbance, "position")
-    elif levels < MIN_LEVELS[channel.name] and repeats > COARSE_REPEATS:
+    elif levels < SensorLimits.MIN_LEVELS[channel.name] and repeats > SensorLimits.COARSE_REPEATS:
         text = f"{channel.name}: only {levels} values between {low:.4g} and {high:.4g} {channel.unit}: too coarse for a"
         what = "speed" if channel.name == "position" else "model"
         yield Finding(WARNING, f"{text} {what}; record with more resolution", channel.name)
@@ -133,7 +139,7 @@ def _describe_disturbance(channel: Channel, quantum: float) -> str:
     time = (channel.stamps_ns[step:] - channel.stamps_ns[:-step]) * 1e-9
     moved = np.abs(channel.values[step:] - channel.values[:-step])[time > 0.0] / time[time > 0.0]
     speed = float(np.percentile(moved, 90.0)) if len(moved) else np.nan  # the usual one, over 50 ms
-    if not noise > MAX_SPEED_NOISE * speed:
+    if not noise > SensorLimits.MAX_SPEED_NOISE * speed:
         return ""
     return (
         f"position: its steps of {1e3 * quantum:.2g} mm disturb the speed by {noise:.2g} m/s, {noise / speed:.0%} "
@@ -153,15 +159,8 @@ def _change(channel: Channel, begin: int, end: int) -> float:
     return float(np.ptp(values) / max(np.ptp(whole), 1e-30)) if len(values) else 0.0
 
 
-MIN_AT_LIMIT = 10  # at the limit
-MIN_SHARE = 2e-4  # of all samples
-MIN_PEAK_RATIO = 5.0  # samples at the limit over those at each neighbouring value
-NEIGHBOURS = 5  # number of neighbouring values
 SATURATES = "the channel saturates"
 REMEDIES = {"force": "record with a larger range", "position": "move the sensor's range to that of the stroke"}
-ARRIVAL_S, ARRIVAL_SPEED = 0.01, 0.2  # before a limit of the position: its speed, of its RMS; a stop by nature brakes
-MIN_STAY = 3  # samples at a limit of the position, on average
-WRONG_AT_LIMIT = 0.02  # of the samples at a limit: a model would learn the sensor's limit
 
 
 @dataclass(frozen=True)
@@ -180,15 +179,15 @@ def find_saturations(recording: Recording, signal: str = "force") -> tuple[Satur
     """
     channel = recording.channel(signal)
     values, counts = np.unique(channel.values[np.isfinite(channel.values)], return_counts=True)
-    if len(values) < 2 * NEIGHBOURS:
+    if len(values) < 2 * SensorLimits.NEIGHBOURS:
         return ()
     total = int(counts.sum())
     ends = ((values, counts), (values[::-1], counts[::-1]))
     return tuple(
         Saturation(float(v[0]), float(c[0]) / total)
         for v, c in ends
-        if c[0] >= max(MIN_AT_LIMIT, MIN_SHARE * total)
-        and c[0] >= MIN_PEAK_RATIO * c[1 : NEIGHBOURS + 1].max()
+        if c[0] >= max(SensorLimits.MIN_AT_LIMIT, SensorLimits.MIN_SHARE * total)
+        and c[0] >= SensorLimits.MIN_PEAK_RATIO * c[1 : SensorLimits.NEIGHBOURS + 1].max()
         and (signal == "force" or _arrives_fast(channel, float(v[0])))
     )
 
@@ -196,14 +195,16 @@ def find_saturations(recording: Recording, signal: str = "force") -> tuple[Satur
 def _arrives_fast(channel: Channel, limit: float) -> bool:
     """Return whether the position runs into a limit instead of coming to rest there, as a piston does."""
     values = channel.values
-    back = max(1, round(ARRIVAL_S * mean_rate(channel)))
+    back = max(1, round(SensorLimits.ARRIVAL_S * mean_rate(channel)))
     steps = np.abs(values[back:] - values[:-back])
     arrivals = np.flatnonzero((values[1:] == limit) & (values[:-1] != limit)) - back
-    if (values == limit).sum() < MIN_STAY * len(arrivals):  # a noise-free sine touches its largest value only
+    if (values == limit).sum() < SensorLimits.MIN_STAY * len(
+        arrivals
+    ):  # a noise-free sine touches its largest value only
         return False
     arrivals = arrivals[arrivals >= 0]
     usual = float(np.sqrt(np.nanmean(steps**2)))
-    return bool(len(arrivals)) and float(np.nanmedian(steps[arrivals])) > ARRIVAL_SPEED * usual
+    return bool(len(arrivals)) and float(np.nanmedian(steps[arrivals])) > SensorLimits.ARRIVAL_SPEED * usual
 
 
 def saturation_findings(recording: Recording) -> Iterator[Finding]:
@@ -211,7 +212,7 @@ def saturation_findings(recording: Recording) -> Iterator[Finding]:
     for signal, remedy in REMEDIES.items():
         limits = find_saturations(recording, signal) if signal in recording.channels else ()
         if limits:
-            severity = WRONG_MODEL if sum(limit.share for limit in limits) > WRONG_AT_LIMIT else WARNING
+            severity = WRONG_MODEL if sum(limit.share for limit in limits) > SensorLimits.WRONG_SHARE else WARNING
             what = describe_saturations(limits, recording.channel(signal).unit)
             yield SaturationFinding(severity, f"{signal}: {SATURATES}: {what}; {remedy}", signal)
 
@@ -221,12 +222,7 @@ def describe_saturations(limits: tuple[Saturation, ...], unit: str = "N") -> str
     return " and ".join(f"{s.share:.1%} of the samples at {s.limit:.5g} {unit}" for s in limits)
 
 
-MAX_STRETCHES, MIN_STRETCH_S = 3, 1.0  # of one current
-SETTLING_S = 0.2  # at the begin of a stretch, in which the valve still answers to the current before
-MIN_REST, MIN_MOTION = 0.2, 0.3  # share of the time outside, to compare with; of the speed inside
-RATIO, MIN_ERROR = 2.0, 0.15  # of the errors inside and outside; the least that counts
-WRONG_SHARE = 0.02  # of the time
-STUCK_CURRENT_S = 0.5  # in a noisy current
+MAX_STRETCHES = 3  # of one current that are looked at, the longest
 REMEDY = "check the sensor and its cable, and cut these stretches out"
 
 
@@ -243,30 +239,33 @@ def _unlike_force(motion: Motion) -> Finding | None:
     runs = runs_of_equal(motion.current)
     lengths = runs[:, 1] - runs[:, 0]
     longest = np.argsort(-lengths, kind="stable")[:MAX_STRETCHES]
-    for begin, end in runs[longest][lengths[longest] >= MIN_STRETCH_S * RATE_HZ]:
+    for begin, end in runs[longest][lengths[longest] >= CurrentLimits.MIN_STRETCH_S * RATE_HZ]:
         others = np.concatenate([np.arange(begin), np.arange(end, len(motion))])
-        if len(others) < MIN_REST * len(motion):
+        if len(others) < CurrentLimits.MIN_REST * len(motion):
             continue
-        inside, outside = _error(motion, np.arange(begin + round(SETTLING_S * RATE_HZ), end)), _error(motion, others)
-        if inside > max(RATIO * outside, MIN_ERROR):
+        inside, outside = (
+            _error(motion, np.arange(begin + round(CurrentLimits.SETTLING_S * RATE_HZ), end)),
+            _error(motion, others),
+        )
+        if inside > max(CurrentLimits.RATIO * outside, CurrentLimits.MIN_ERROR):
             share = (end - begin) / len(motion)
             text = (
                 f"current: stuck at {motion.current[begin]:.3g} A for {(end - begin) / RATE_HZ:.1f} s, {share:.0%} of "
                 f"the time, while the force changes as if it moved ({inside:.0%} of it does not follow the motion, "
                 f"{outside:.0%} elsewhere); {REMEDY}"
             )
-            return Finding(WRONG_MODEL if share > WRONG_SHARE else WARNING, text, "current")
+            return Finding(WRONG_MODEL if share > SensorLimits.WRONG_SHARE else WARNING, text, "current")
     return None
 
 
 def _without_noise(channel: Channel) -> Iterator[Finding]:
     """Yield the stretches in which a current whose noise changes it everywhere else repeats one value."""
-    if len(channel) < MIN_SAMPLES or np.ptp(channel.values) == 0.0:
+    if len(channel) < SensorLimits.MIN_SAMPLES or np.ptp(channel.values) == 0.0:
         return
     runs = runs_of_equal(channel.values)
-    long, noisy = _long_runs(channel, runs, STUCK_CURRENT_S)
+    long, noisy = _long_runs(channel, runs, SensorLimits.STUCK_CURRENT_S)
     total = np.diff(runs[long], axis=1).sum() / len(channel)
-    if noisy and total < 0.9:  # steps of a commanded current are longer together
+    if noisy and total < SensorLimits.MAX_STUCK_CURRENT:
         first = (channel.stamps_ns[int(runs[long][0, 0])] - channel.stamps_ns[0]) * 1e-9
         when = f"{count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time"
         yield Finding(WARNING, f"current: stuck {when}, although noise changes it everywhere else; {REMEDY}", "current")
@@ -276,17 +275,11 @@ def _error(motion: Motion, ticks: I) -> float:
     """Return the relative error of the map from motion and current to the force on these ticks; 0 if little moves."""
     signals = {name: getattr(motion, name)[ticks] for name in ("position", "speed", "force", "current")}
     part = replace(motion, **signals, parts=())
-    if part.speed.std() < MIN_MOTION * motion.speed.std() or part.force.std() == 0.0:
+    if part.speed.std() < CurrentLimits.MIN_MOTION * motion.speed.std() or part.force.std() == 0.0:
         return 0.0
     return float(fit_errors(force_features(part).T, part.force[:, None])[0])
 
 
-MIN_CHECKED_HZ = 20.0  # below it, the times are checked
-MAX_CHECKED_HZ = 400.0  # above it, what is lost is the noise of the load cell
-MIN_RATE_SAMPLES = 64
-MISS, WRONG_MISS = 0.2, 0.6  # of the force's RMS; free runs erred by 0.35 to 0.5 of it
-VALVE_S = 0.005  # of the fastest valves; the slowest answer within 0.03 s
-MIN_VALVE_HZ = 0.5 / VALVE_S
 SIDE = 3  # samples on each side that must have no gap between them
 
 
@@ -294,17 +287,17 @@ def rate_findings(recording: Recording) -> Iterator[Finding]:
     """Yield a finding if the rate is too low for the force, or else for the response of the valve."""
     force, current = recording.channels.get("force"), recording.channels.get("current")
     rate = mean_rate(force) if force is not None else 0.0
-    if force is None or not MIN_CHECKED_HZ < rate < MAX_CHECKED_HZ:
+    if force is None or not DamperLimits.MIN_RATE_HZ < rate < RateLimits.MAX_CHECKED_HZ:
         return
     miss = interpolation_miss(force)
-    if miss > MISS:
+    if miss > RateLimits.MISS:
         text = (
             f"force: changes too fast for {rate:.0f} Hz: half of its samples, interpolated from the others, miss by "
             f"{miss:.0%} of its RMS, and a model will err by a third to half of that; oil and valves change a force "
             "within 5 to 30 ms: record at 500 Hz or more"
         )
-        yield Finding(WRONG_MODEL if miss > WRONG_MISS else WARNING, text, "force")
-    elif rate < MIN_VALVE_HZ and current is not None and not is_constant(current.finite().values):
+        yield Finding(WRONG_MODEL if miss > RateLimits.WRONG_MISS else WARNING, text, "force")
+    elif rate < RateLimits.MIN_VALVE_HZ and current is not None and not is_constant(current.finite().values):
         text = (
             f"force: {rate:.0f} Hz is too low for the response of a valve, 5 to 30 ms: a model cannot learn how the "
             "force follows the current; record at 500 Hz or more"
@@ -316,12 +309,12 @@ def interpolation_miss(channel: Channel) -> float:
     """Return the relative RMS error of every second sample, interpolated, gaps apart; NaN if constant or few."""
     sound = channel.in_order()
     stamps, values = sound.stamps_ns, sound.values
-    if len(values) < MIN_RATE_SAMPLES or np.ptp(values) == 0.0:
+    if len(values) < RateLimits.MIN_SAMPLES or np.ptp(values) == 0.0:
         return np.nan
     time = (stamps - stamps[0]) * 1e-9
     odd = np.arange(SIDE, len(time) - SIDE, 2)  # SIDE is odd
     odd = odd[time[odd + SIDE] - time[odd - SIDE] < 4.0 * SIDE * float(np.median(np.diff(time)))]
-    if len(odd) < MIN_RATE_SAMPLES // 4:
+    if len(odd) < RateLimits.MIN_SAMPLES // 4:
         return np.nan
     errors = CubicSpline(time[::2], values[::2])(time[odd]) - values[odd]
     return float(np.sqrt(np.mean(errors**2)) / values.std())

@@ -15,24 +15,10 @@ from ces_data.arrays import F
 from ces_data.checks.delays import is_reversed
 from ces_data.checks.motion import MIN_S, RATE_HZ, Motion, is_constant, recorded_motion
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, finite_values, mean_rate
+from ces_data.limits import DamperLimits, RatioLimits
 from ces_data.recording import Recording
 
-MIN_RATE_HZ, MAX_RATE_HZ = 20.0, 20e3  # of positions that show a damper's motion
-SLOWEST_HZ, SLOW_HZ = 5.0, 100.0  # no dynamometer logs more slowly; creeping motion is suspicious up to this rate
-CREEPING_M_S = 1e-3  # slower than any test of damping
 SPEED_STEPS, MIN_TICKS = 5, 50  # samples of a speed; of a recording
-MAX_STROKE_M, LONG_STROKE_M = 1.0, 0.5  # of a damper on a rig or a vehicle; beyond those of vehicles
-MAX_SPEED_M_S, FAST_M_S = 5.0, 2.5  # at the 99th percentile; that of a long stroke
-MAX_RMS_M_S, MAX_M_S2 = 2.0, 1000.0  # over the whole recording: the oil would boil; wheels on a kerb stay below 500
-USUAL_RMS_M_S = 1.3  # of a sine that peaks at 1.8 m/s, which few dynamometers reach
-MIN_STROKE_M, SHORT_STROKE_M, STROKE_FORCE_N = 1e-4, 1e-3, 100.0  # strokes too short for such a force
-STIFF_N_S_M, STILL_M_S = 1e5, 2e-3  # force over speed, and a speed, of short strokes in a wrong unit
-MAX_CURRENT_A, VALVE_A = 100.0, 30.0  # beyond any valve; beyond those of vehicles
-FORCE_N, DAMPING_N_S_M = 8.0, 40.0  # the seal's friction alone is more; half of the softest bicycle damper
-SMALL_FORCE_N, SMALL_DAMPING_N_S_M = 30.0, 200.0  # a small damper, or kN
-TINY_FORCE_N = 20.0  # whatever the damping
-MIN_SPEED_M_S = 0.02  # below it hardly any force is to be expected
-MAX_FORCE_N, LARGE_FORCE_N = 1e6, 1e5  # beyond those of buildings; beyond those of vehicles
 
 FASTER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # factor of times that are in it
 SLOWER = {"s, not ms": 1e3, "min": 60.0}
@@ -40,7 +26,6 @@ LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "um": 1e-6}
 AS_MM = {"m": 1e3, "cm": 10.0, "inches": 25.4}  # of positions that were taken for mm
 UNITS = {"kN": 1e3, "kip": 4448.2216, "lbf": 4.4482216, "kgf": 9.80665}  # [N]
 AS_KN = {"N, not kN": 1e-3, "N, not kip": 1.0 / 4448.2216, "mN": 1e-3, "gf": 0.00980665}
-DAMPING_RANGE, FORCE_RANGE_N = (20.0, 3e6), (50.0, 3e5)  # [N s/m] of dampers, small speeds included
 
 
 def unit_findings(recording: Recording, motion: Motion | None) -> Iterator[Finding]:
@@ -68,15 +53,21 @@ def _clock(recording: Recording) -> Finding | None:
     moved = np.abs(sound.values[step:] - sound.values[:-step]) / (time[step:] - time[:-step])
     speed = float(np.percentile(moved, 99.0))
     seconds = float(time[-1] - time[0])
-    slow, fast = rate < MIN_RATE_HZ, rate > MAX_RATE_HZ or (seconds < MIN_S and speed > FAST_M_S)
-    if not (slow or fast or (rate < SLOW_HZ and 0.0 < speed < CREEPING_M_S)):
+    slow, fast = (
+        rate < DamperLimits.MIN_RATE_HZ,
+        rate > DamperLimits.MAX_RATE_HZ or (seconds < MIN_S and speed > DamperLimits.FAST_M_S),
+    )
+    if not (slow or fast or (rate < DamperLimits.SLOW_HZ and 0.0 < speed < DamperLimits.CREEPING_M_S)):
         return None
 
     def fits(factor: float) -> bool:
-        return 2.0 * MIN_RATE_HZ < rate / factor < 0.5 * MAX_RATE_HZ and CREEPING_M_S < speed / factor < MAX_SPEED_M_S
+        return (
+            2.0 * DamperLimits.MIN_RATE_HZ < rate / factor < 0.5 * DamperLimits.MAX_RATE_HZ
+            and DamperLimits.CREEPING_M_S < speed / factor < DamperLimits.MAX_SPEED_M_S
+        )
 
     units = [unit for unit, factor in (SLOWER if fast else FASTER).items() if fits(factor)]
-    if not units and not slow and not (rate > MAX_RATE_HZ and speed > MAX_SPEED_M_S):
+    if not units and not slow and not (rate > DamperLimits.MAX_RATE_HZ and speed > DamperLimits.MAX_SPEED_M_S):
         return None
     text = f"position: sampled at {rate:.3g} Hz for {seconds:.3g} s, with speeds up to {speed:.2g} m/s"
     for unit in units:
@@ -84,7 +75,7 @@ def _clock(recording: Recording) -> Finding | None:
         text += f"; if the times are in {unit} ({rate / factor:.4g} Hz, {speed / factor:.2g} m/s), whatever their "
         text += f"column says, multiply the scale of time in the mapping file by {factor:g}"
     text += "" if units else ": too slow for a damper; check the times" if slow else ": check the times"
-    sure = rate < SLOWEST_HZ or (fast and speed > MAX_SPEED_M_S)
+    sure = rate < DamperLimits.SLOWEST_HZ or (fast and speed > DamperLimits.MAX_SPEED_M_S)
     return Finding(WRONG_MODEL if sure else WARNING, text, "position")
 
 
@@ -104,53 +95,65 @@ def _position(stroke: float, motion: Motion | None, force: float) -> Iterator[Fi
     def fits(factor: float) -> bool:
         damping = force / (factor * speed) if speed > 0.0 else 0.0
         return (
-            MIN_STROKE_M < factor * stroke < LONG_STROKE_M
-            and factor * max(speed, 2.0 * rms) < MAX_SPEED_M_S
-            and factor * acceleration < MAX_M_S2
-            and (damping == 0.0 or DAMPING_RANGE[0] < damping < DAMPING_RANGE[1])
+            DamperLimits.MIN_STROKE_M < factor * stroke < DamperLimits.LONG_STROKE_M
+            and factor * max(speed, 2.0 * rms) < DamperLimits.MAX_SPEED_M_S
+            and factor * acceleration < DamperLimits.MAX_M_S2
+            and (damping == 0.0 or DamperLimits.DAMPING_RANGE[0] < damping < DamperLimits.DAMPING_RANGE[1])
         )
 
-    far = stroke > MAX_STROKE_M or (stroke > LONG_STROKE_M and speed > FAST_M_S)
-    if far or speed > MAX_SPEED_M_S or rms > MAX_RMS_M_S or acceleration > MAX_M_S2:
+    far = stroke > DamperLimits.MAX_STROKE_M or (stroke > DamperLimits.LONG_STROKE_M and speed > DamperLimits.FAST_M_S)
+    if (
+        far
+        or speed > DamperLimits.MAX_SPEED_M_S
+        or rms > DamperLimits.MAX_RMS_M_S
+        or acceleration > DamperLimits.MAX_M_S2
+    ):
         text = f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper"
         yield Finding(WRONG_MODEL, f"{text}; {_name_scales(LENGTHS, fits)}", "position")
-    elif rms > USUAL_RMS_M_S or stroke > LONG_STROKE_M:
+    elif rms > DamperLimits.USUAL_RMS_M_S or stroke > DamperLimits.LONG_STROKE_M:
         text = f"position: spans {stroke:.3g} m and moves at {rms:.2g} m/s on average (RMS), which few dampers do"
         yield Finding(WARNING, f"{text}; {_name_scales(LENGTHS, fits)}", "position")
-    elif 0.0 < stroke < SHORT_STROKE_M and force > STROKE_FORCE_N:
-        if stroke >= MIN_STROKE_M and (speed == 0.0 or force < STIFF_N_S_M * speed):
+    elif 0.0 < stroke < DamperLimits.SHORT_STROKE_M and force > DamperLimits.STROKE_FORCE_N:
+        if stroke >= DamperLimits.MIN_STROKE_M and (speed == 0.0 or force < DamperLimits.STIFF_N_S_M * speed):
             return
         text = f"position: spans {1e3 * stroke:.2g} mm at up to {1e3 * speed:.2g} mm/s with forces of {force:.3g} N"
-        severity = WRONG_MODEL if stroke < MIN_STROKE_M and 0.0 < speed < STILL_M_S else WARNING
+        severity = (
+            WRONG_MODEL if stroke < DamperLimits.MIN_STROKE_M and 0.0 < speed < DamperLimits.STILL_M_S else WARNING
+        )
         yield Finding(severity, f"{text}; was it taken for mm? {_name_scales(AS_MM, fits)}", "position")
 
 
 def _current(current: F) -> Iterator[Finding]:
     reach = float(np.percentile(np.abs(current), 99.0)) if len(current) else 0.0
-    if reach > MAX_CURRENT_A:
+    if reach > DamperLimits.MAX_CURRENT_A:
         remedy = "multiply its scale in the signals file by 0.001 if it is in mA, or by the factor from raw counts to A"
         yield Finding(WRONG_MODEL, f"current: reaches {reach:.4g} A, more than any valve; {remedy}", "current")
-    elif reach > VALVE_A:
+    elif reach > DamperLimits.VALVE_A:
         remedy = "if it is in mA, percent or raw counts, set its scale in the signals file, and the same on the vehicle"
         yield Finding(WARNING, f"current: reaches {reach:.4g} A; {remedy}", "current")
 
 
 def _force(force: float, speed: float) -> Iterator[Finding]:
     def fits(factor: float) -> bool:
-        damping = factor * force / max(speed, MIN_SPEED_M_S)
-        return FORCE_RANGE_N[0] < factor * force < FORCE_RANGE_N[1] and damping < DAMPING_RANGE[1]
+        damping = factor * force / max(speed, DamperLimits.MIN_SPEED_M_S)
+        return (
+            DamperLimits.FORCE_RANGE_N[0] < factor * force < DamperLimits.FORCE_RANGE_N[1]
+            and damping < DamperLimits.DAMPING_RANGE[1]
+        )
 
-    if force > LARGE_FORCE_N:
-        what = "any damper" if force > MAX_FORCE_N else "any damper of a vehicle"
+    if force > DamperLimits.LARGE_FORCE_N:
+        what = "any damper" if force > DamperLimits.MAX_FORCE_N else "any damper of a vehicle"
         text = f"force: reaches {force:.3g} N, more than {what}; {_name_scales(AS_KN, fits)}"
-        yield Finding(WRONG_MODEL if force > MAX_FORCE_N else WARNING, text, "force")
-    if force == 0.0 or speed < MIN_SPEED_M_S:
+        yield Finding(WRONG_MODEL if force > DamperLimits.MAX_FORCE_N else WARNING, text, "force")
+    if force == 0.0 or speed < DamperLimits.MIN_SPEED_M_S:
         return
     what = f"force: {force:.3g} N at {speed:.2g} m/s ({force / speed:.2g} N s/m)"
-    if force < FORCE_N and force / speed < DAMPING_N_S_M:
+    if force < DamperLimits.FRICTION_N and force / speed < DamperLimits.DAMPING_N_S_M:
         text = f"{what}, less than the friction of any damper's seals; {_name_scales(UNITS, fits)}"
         yield Finding(WRONG_MODEL, text, "force")
-    elif force < TINY_FORCE_N or (force < SMALL_FORCE_N and force / speed < SMALL_DAMPING_N_S_M):
+    elif force < DamperLimits.TINY_FORCE_N or (
+        force < DamperLimits.SMALL_FORCE_N and force / speed < DamperLimits.SMALL_DAMPING_N_S_M
+    ):
         yield Finding(WARNING, f"{what} is little for a damper; {_name_scales(UNITS, fits)}", "force")
 
 
@@ -162,7 +165,12 @@ def half_span(values: F, without: float = 0.0, outside: float = 1.0) -> float:
 def find_exchange(recording: Recording, motion: Motion | None) -> Finding | None:
     """Return a finding if both ranges are the other signal's and the force returns work; mm and kN do not."""
     stroke, force = (half_span(finite_values(recording, name)) for name in ("position", "force"))
-    if motion is None or 2.0 * stroke < MAX_STROKE_M or force > FORCE_N or not is_reversed(motion, None):
+    if (
+        motion is None
+        or 2.0 * stroke < DamperLimits.MAX_STROKE_M
+        or force > DamperLimits.FRICTION_N
+        or not is_reversed(motion, None)
+    ):
         return None
     text = (
         f"position: spans {2.0 * stroke:.4g} m, while the force reaches {force:.3g} N and acts with the motion: "
@@ -172,8 +180,6 @@ def find_exchange(recording: Recording, motion: Motion | None) -> Finding | None
     return Finding(WRONG_MODEL, text, "position")
 
 
-NEAR = 1.35  # largest ratio of a slope to that of a unit
-MIN_CORRELATION, MIN_CELLS, MIN_CELL_TICKS = 0.85, 12, 15
 SPEEDS, CURRENTS = 12, 4  # cells, over the range that all recordings share
 
 
@@ -195,7 +201,7 @@ def _find_unit(slope: float) -> str | None:
     """Return the unit whose ratio to N, or N's to it, a slope is."""
     for unit, newtons in UNITS.items():
         for ratio in (newtons, 1.0 / newtons):
-            if 1.0 / NEAR < slope / ratio < NEAR:
+            if 1.0 / RatioLimits.NEAR < slope / ratio < RatioLimits.NEAR:
                 return unit
     return None
 
@@ -210,10 +216,10 @@ def _slope(first: Motion, other: Motion) -> float:
         return np.nan
     x, y = (_cell_means(motion, *edges) for motion in (first, other))
     both = np.isfinite(x) & np.isfinite(y)
-    if both.sum() < MIN_CELLS or x[both].std() == 0.0 or y[both].std() == 0.0:
+    if both.sum() < RatioLimits.MIN_CELLS or x[both].std() == 0.0 or y[both].std() == 0.0:
         return np.nan
     correlation = float(np.corrcoef(x[both], y[both])[0, 1])
-    return float(y[both].std() / x[both].std()) if correlation > MIN_CORRELATION else np.nan
+    return float(y[both].std() / x[both].std()) if correlation > RatioLimits.MIN_CORRELATION else np.nan
 
 
 def _cell_means(motion: Motion, speeds: F, currents: F) -> F:
@@ -226,11 +232,7 @@ def _cell_means(motion: Motion, speeds: F, currents: F) -> F:
     cells = rows * CURRENTS + columns
     count = np.bincount(cells, minlength=SPEEDS * CURRENTS)
     total = np.bincount(cells, motion.force[inside], minlength=SPEEDS * CURRENTS)
-    return np.where(count >= MIN_CELL_TICKS, total / np.maximum(count, 1), np.nan)
-
-
-MIN_MODEL_CORRELATION = 0.85  # of both forces, from which on their ratio counts
-MIN_ERROR, CLEARLY = 0.2, 0.5  # relative error that both signs reversed must at least halve
+    return np.where(count >= RatioLimits.MIN_CELL_TICKS, total / np.maximum(count, 1), np.nan)
 
 
 def unit_against_model(measured: F, simulated: F) -> Iterator[Finding]:
@@ -239,7 +241,7 @@ def unit_against_model(measured: F, simulated: F) -> Iterator[Finding]:
         return
     slope = float(measured.std() / simulated.std())
     unit = _find_unit(slope)
-    if unit is None or float(np.corrcoef(measured, simulated)[0, 1]) < MIN_MODEL_CORRELATION:
+    if unit is None or float(np.corrcoef(measured, simulated)[0, 1]) < RatioLimits.MIN_CORRELATION:
         return
     remedy = f"if it is in {unit}, multiply its scale in the signals file by {UNITS[unit]:.6g}"
     if slope >= 1.0:
@@ -256,7 +258,7 @@ def signs_against_model(cost: float, reversed_cost: float) -> Iterator[Finding]:
     The costs J [%] are those of its free runs on the recording as it is, and reversed. A damper that acts alike in
     compression and rebound shows no difference, and needs none.
     """
-    if cost > 100.0 * MIN_ERROR and reversed_cost < CLEARLY * cost:
+    if cost > 100.0 * RatioLimits.MIN_MODEL_ERROR and reversed_cost < RatioLimits.HALVED * cost:
         text = (
             f"position and force: the model follows them better with both signs reversed (J {reversed_cost:.0f} "
             f"instead of {cost:.0f} %); both are positive in compression: multiply both scales by -1 in the signals "

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ces_data.limits import TableLimits
 from ces_data.logs.log_mapping import DynoMapping
 from ces_data.recording import Stamps
 from ces_data.units import find_unit
@@ -50,7 +51,6 @@ MONTHS |= {"mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12}
 HOUR_NS = 3_600_000_000_000
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([.,'’ \u00a0\u202f]\d{3})+([.,]\d+)?$")  # 1.234,5 or 1'234.5
 WHOLE_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}([.,]\d{3})+$")
-MIN_MIXED = 3
 BINARY = {  # by its first bytes: what a file that is no text table is, and what to do
     b"PK": ("an Excel workbook or a zip archive", "save the sheet as CSV, or unpack it"),
     b"\xd0\xcf": ("an Excel workbook", "save the sheet as CSV"),
@@ -338,7 +338,7 @@ def mixes_groups(cells: Sequence[str], decimal: str) -> bool:
     marked = [cell.strip() for cell in cells if decimal in cell]
     whole = [cell.strip().lstrip("+-") for cell in cells if decimal not in cell and cell.strip()]
     return (
-        min(len(marked), len(whole)) >= MIN_MIXED
+        min(len(marked), len(whole)) >= TableLimits.MIN_MIXED
         and all(WHOLE_GROUPS.match(cell) for cell in marked)
         and all(cell.isdecimal() and len(cell) <= 3 for cell in whole)
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from ces_data.bags.reader import sort_late_samples
 from ces_data.integration import with_stroke
+from ces_data.limits import TableLimits
 from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog, open_log
 from ces_data.logs.log_mapping import ONE_TIME, DynoMapping, FileNameValue, FixedValue, LogColumn, MappingError
 from ces_data.recording import Channel, Recording, Stamps, Values
@@ -20,7 +21,6 @@ from ces_data.units import QUANTITIES, find_unit, split_unit
 from ces_observer.errors import RecordingError
 from ces_observer.signals import MOTIONS, UNITS
 
-MIN_RATE_HZ = 1.0e-6
 Block = TypeVar("Block", LogTable, list[LogSeries])
 NO_COLUMN = "no signal has a column; expected at least position and force"
 
@@ -198,7 +198,7 @@ def _rate(table: LogTable, source: float | LogColumn | None) -> float:
     if not isinstance(source, LogColumn):
         return source or 1.0
     rate = source.scale * table.first(source.key) + source.offset
-    if not np.isfinite(rate) or rate < MIN_RATE_HZ:
+    if not np.isfinite(rate) or rate < TableLimits.MIN_RATE_HZ:
         raise RecordingError(f"{table.path}: the rate in column {source.key!r} is {rate:g} Hz; expected more than 0")
     return rate
 

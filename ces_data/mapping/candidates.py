@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ces_data.bags.fields import FieldSeries, read_fields
+from ces_data.limits import TableLimits
 from ces_data.logs.log_file import LogTable, TimedLog
 from ces_data.logs.log_import import read_times
 from ces_data.logs.log_mapping import LogColumn
@@ -19,12 +20,9 @@ from ces_data.recording import Stamps, Values
 from ces_data.units import QUANTITIES, Unit, find_unit, split_unit
 from ces_observer.errors import RecordingError
 
-MIN_SAMPLES, MAX_USUAL_STEP_S = 3, 0.1
 MAX_COLUMNS = 256  # of a table without names
 EPOCHS = {"s": 1e8, "ms": 1e11, "us": 1e14, "ns": 1e17}  # smallest numbers of times since 1970, from 1973 on
 DATE_WORDS = frozenset({"date", "datum", "datetime"})
-MIN_STEP_S, MAX_ROWS_PER_TIME = 1e-6, 1.5  # of a time as logged
-MIN_APART, MAX_APART = 0.05, 100.0  # steps between two times in a row: those of two signals, or two clocks
 DIALLED_PATH = re.compile(r"(Platform\(\)://)?Model Root/")  # before each name in ControlDesk's exports
 TIME_AXES = (("s",), ("x", "value"), ("x", "axis"))  # `X_Value` is LabVIEW's, `XAxis` ControlDesk's
 BETWEEN_BAGS_NS = 10_000_000_000
@@ -146,7 +144,7 @@ def _of_series(log: TimedLog) -> LogCandidates:
         if series.label in keys:
             continue
         key = series.key or series.label
-        if len(series.values) < MIN_SAMPLES or not np.isfinite(series.values).any():
+        if len(series.values) < TableLimits.MIN_SAMPLES or not np.isfinite(series.values).any():
             reason = f"{series.label!r} has {np.isfinite(series.values).sum()} samples"
             unread.update(dict.fromkeys(_meanings(key), reason))
             continue
@@ -177,7 +175,7 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
             unread.update(dict.fromkeys(_meanings(str(c.key)), reason))
         elif time is None or c.key != time.key:
             keys[c.label] = LogColumn(c.key)
-            if there.sum() < MIN_SAMPLES:
+            if there.sum() < TableLimits.MIN_SAMPLES:
                 unread.update(dict.fromkeys(_meanings(str(c.key)), f"{c.key!r} has {there.sum()} samples"))
             else:
                 values = (stamps, c.values) if there.all() else (stamps[there], c.values[there])
@@ -265,7 +263,7 @@ def _find_calendar(column: _TableColumn) -> LogColumn | None:
     for low, high, scale, offset, _ in CALENDARS:
         if low <= column.values[0] and column.values[-1] < high:
             step_s = scale * float(np.median(np.diff(column.values)))
-            if step_s < MAX_USUAL_STEP_S and not (scale > 1.0 and np.ptp(column.values) > 31.0):
+            if step_s < TableLimits.MAX_STEP_S and not (scale > 1.0 and np.ptp(column.values) > 31.0):
                 return LogColumn(column.key, given_scale=scale, given_offset=offset)
     return None
 
@@ -296,15 +294,15 @@ def _doubt_time(table: LogTable, time: LogColumn, stamps: Stamps, candidates: Se
     usual = float(np.median(np.diff(stamps))) * 1e-9 if len(stamps) > 1 else 0.0
     counts = ((len(c.stamps_ns), 1 + int(np.count_nonzero(np.diff(c.stamps_ns)))) for c in candidates)
     rows, different = min(counts, default=(0, 0), key=lambda count: count[0] / count[1])
-    if rows > MAX_ROWS_PER_TIME * different:
+    if rows > TableLimits.MAX_ROWS_PER_TIME * different:
         return (
             f"{where} has only {different} different times in {rows} rows, too coarse to tell one row from the next "
             "(or are rows repeated?); give --rate HZ"
         )
     stated = time.unit or time.scaled or table.stamps(time) is not None
-    if stated or not usual or MIN_STEP_S <= usual < MAX_USUAL_STEP_S:
+    if stated or not usual or TableLimits.MIN_STEP_S <= usual < TableLimits.MAX_STEP_S:
         return ""
-    other = "in hours or days" if usual < MIN_STEP_S else "in ms, or a number"
+    other = "in hours or days" if usual < TableLimits.MIN_STEP_S else "in ms, or a number"
     return f"{where} states no unit; in seconds its steps are {usual:g} s (is it {other}?)"
 
 
@@ -321,7 +319,7 @@ def _doubt_pairs(columns: Sequence[_TableColumn], time: LogColumn) -> str:
         others = c.values * (c.time_unit.scale if c.time_unit else 1.0)
         if others.shape == times.shape:  # the same time, or one of another clock, is no time of other samples
             step, apart = float(np.median(np.diff(times))), np.abs(others - times)
-            if apart[0] >= MAX_APART * step or apart.max() <= MIN_APART * step:
+            if apart[0] >= TableLimits.MAX_APART * step or apart.max() <= TableLimits.MIN_APART * step:
                 continue
         return (
             f"time: columns {first.key!r} and {c.key!r} are both times and differ; a table has one time for all its "

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ces_data.mapping.motion_table import EXACT, LATE, RATIO_TOLERANCE, MotionTable
+from ces_data.limits import RatingLimits
+from ces_data.mapping.motion_table import MotionTable
 from ces_data.mapping.rating import (
     OUTWARD,
     USUAL,
@@ -82,10 +83,7 @@ class Selection:
         return tuple(missing for damper in self.dampers.values() for missing in damper.missing.values())
 
 
-MIN_POINTS, MIN_MARGIN = 3.0, 1.0  # points to be chosen at all, and ahead of the next one
-MIN_DAMPING, HIGH_CORRELATION = 0.3, 0.6  # of a force with the speed, in size: counts, and counts more
 MAX_STROKES, MAX_FORCES = 12, 40  # candidates that are compared in pairs, the best by name and unit
-ASYMMETRY = 1.3  # ratio of the larger to the smaller peak of a force; rebound is damped more than compression
 ALONE = "by its numbers alone, nothing in its name says so"
 UNCHECKED = "the sign could not be checked"
 SI = {"m", "N", "A", "V", "m/s", "m/s2", "degC"}
@@ -128,7 +126,7 @@ class _Chooser:
 
     def sides(self) -> tuple[str, ...]:
         """Return the sides by which the position's good candidates differ, none for one damper."""
-        good = [r.candidate for r in self._strokes(self.candidates) if r.named and r.points >= MIN_POINTS]
+        good = [r.candidate for r in self._strokes(self.candidates) if r.named and r.points >= RatingLimits.MIN_POINTS]
         ordered = [candidate for candidate in self.candidates if candidate in good]
         for one in good:
             twins = [c for c in ordered if c is one or find_side(c.names, one.names)]
@@ -163,13 +161,17 @@ class _Chooser:
         derived = []
         for rating in (r for r in ratings if not r.excluded):
             correlation, gain = self.table.correlate(position.candidate, rating.candidate)
-            least = LATE if read_meaning(rating.candidate.names).quantity == "speed" else EXACT
+            least = (
+                RatingLimits.LATE_SPEED
+                if read_meaning(rating.candidate.names).quantity == "speed"
+                else RatingLimits.EXACT
+            )
             if not abs(correlation) >= least:
                 continue
             if unit := rating.candidate.unit or _unit_of_speed(abs(position.scale / gain)):
                 known = replace(rating, candidate=replace(rating.candidate, unit=unit), named=True)
                 reason = f"goes as the differentiated {position.candidate.label} ({correlation:+.2f})"
-                derived.append(known.add(MIN_POINTS, reason))
+                derived.append(known.add(RatingLimits.MIN_POINTS, reason))
         return _sort(derived)
 
     def _strokes(self, candidates: Sequence[Candidate]) -> list[Rating]:
@@ -194,7 +196,7 @@ class _Chooser:
         if stroke is force or not (named or only):
             return 0.0
         correlation, _ = self.table.correlate(stroke, force)
-        if not abs(correlation) >= MIN_DAMPING or self.table.is_derivative(stroke, force):
+        if not abs(correlation) >= RatingLimits.MIN_DAMPING or self.table.is_derivative(stroke, force):
             return 0.0
         return correlation
 
@@ -207,7 +209,7 @@ class _Chooser:
         for rating in ratings:
             correlation = 0.0 if rating.excluded else self._damping(stroke, rating.candidate, rating.named)
             if not rating.excluded and self.table.is_derivative(stroke, rating.candidate):
-                improved.append(rating.add(-5.0, f"is the speed of {stroke.label}"))
+                improved.append(rating.add(RatingLimits.DERIVATIVE, f"is the speed of {stroke.label}"))
             else:
                 improved.append(_add_damping(rating, correlation, f"goes with the speed of {stroke.label}"))
         return _sort(improved)
@@ -215,12 +217,14 @@ class _Chooser:
     def _currents(self, candidates: Sequence[Candidate], taken: Sequence[Candidate]) -> list[Rating]:
         """Return the ratings as current; one without a name counts only if it is the only one that can be."""
         ratings = [self._exclude_force(r, taken) for r in _rate_all(candidates, "current") if r.candidate not in taken]
-        if any(r.named and r.points >= MIN_POINTS for r in ratings):
+        if any(r.named and r.points >= RatingLimits.MIN_POINTS for r in ratings):
             return ratings
         silent = [r for r in ratings if not r.excluded and not r.named and r.points > 0.0 and not r.against]
         if len(silent) != 1 or read_meaning(silent[0].candidate.names).quantity or silent[0].candidate.constant:
             return _sort(ratings)
-        return _sort([silent[0].add(MIN_POINTS - silent[0].points, ALONE), *(r for r in ratings if r != silent[0])])
+        return _sort(
+            [silent[0].add(RatingLimits.MIN_POINTS - silent[0].points, ALONE), *(r for r in ratings if r != silent[0])]
+        )
 
     def _exclude_force(self, rating: Rating, taken: Sequence[Candidate]) -> Rating:
         """Return the rating as current, excluded if nothing names it so and it goes with the stroke's speed."""
@@ -228,13 +232,14 @@ class _Chooser:
             return rating
         for stroke in taken[:1]:
             correlation, _ = self.table.correlate(stroke, rating.candidate)
-            if abs(correlation) >= HIGH_CORRELATION:
+            if abs(correlation) >= RatingLimits.CLEAR_CORRELATION:
                 return replace(rating, excluded=f"goes with the speed of {stroke.label} ({correlation:+.2f}): a force")
         return rating
 
 
 def _add_damping(rating: Rating, correlation: float, reason: str) -> Rating:
-    points = 3.0 if abs(correlation) >= HIGH_CORRELATION else 2.0
+    is_clear = abs(correlation) >= RatingLimits.CLEAR_CORRELATION
+    points = RatingLimits.CLEAR_DAMPING if is_clear else RatingLimits.DAMPING
     return rating.add(points, f"{reason} ({correlation:+.2f})") if correlation else rating
 
 
@@ -249,7 +254,7 @@ def _sort(ratings: Sequence[Rating]) -> list[Rating]:
 
 def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice | NotFound:
     """Return the choice, or why there is none."""
-    good = [r for r in ratings if not r.excluded and r.points >= MIN_POINTS]
+    good = [r for r in ratings if not r.excluded and r.points >= RatingLimits.MIN_POINTS]
     others = tuple(r for r in ratings if not r.excluded and (r.points > 0.0 or r.against))
     if not good:
         named = (r for r in ratings if r.excluded and read_meaning(r.candidate.names).quantity == r.signal)
@@ -258,7 +263,7 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
             reason = f"'{excluded.candidate.label}' is named like it, but {excluded.excluded}"
         return NotFound(signal, reason, others or tuple(ratings))
     best, *rest = good
-    equal = [r for r in rest if best.points - r.points < MIN_MARGIN]
+    equal = [r for r in rest if best.points - r.points < RatingLimits.MIN_MARGIN]
     if equal and not all(table.is_same(best.candidate, r.candidate) for r in equal):
         labels = ", ".join(r.candidate.label for r in (best, *equal))
         return NotFound(signal, f"{1 + len(equal)} candidates are equally good: {labels}", (best, *equal))
@@ -283,7 +288,7 @@ def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[st
 def _unit_of_speed(factor: float) -> Unit | None:
     """Return the unit of a speed with this factor to SI, None if there is none."""
     units = filter(None, map(find_unit, USUAL["speed"]))
-    return next((unit for unit in units if abs(factor / unit.scale - 1.0) < RATIO_TOLERANCE), None)
+    return next((unit for unit in units if abs(factor / unit.scale - 1.0) < RatingLimits.UNIT_TOLERANCE), None)
 
 
 def _find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice]:
@@ -309,13 +314,16 @@ def _find_sign_of_force(found: dict[str, Choice], table: MotionTable, motion: st
         return found
     compare = table.correlate if motion == "position" else table.correlate_values
     correlation, _ = compare(position.candidate, force.candidate)
-    if not abs(correlation) >= MIN_DAMPING:
+    if not abs(correlation) >= RatingLimits.MIN_DAMPING:
         unknown = "too few samples to compare force and speed"
         text = unknown if np.isnan(correlation) else f"force and speed hardly correlate ({correlation:+.2f})"
         return {**found, "force": replace(force, checks=(*force.checks, f"{UNCHECKED}: {text}"))}
     outward = find_word(position.candidate.names, OUTWARD)
     low, high = np.percentile(force.candidate.finite, (1.0, 99.0))  # the larger peak, if it is clearly larger
-    negative, positive = low < 0.0 < high and -low > ASYMMETRY * high, low < 0.0 < high and high > -ASYMMETRY * low
+    negative, positive = (
+        low < 0.0 < high and -low > RatingLimits.ASYMMETRY * high,
+        low < 0.0 < high and high > -RatingLimits.ASYMMETRY * low,
+    )
     reason = f"force goes against the speed ({correlation:+.2f}), so one of the two is positive in rebound"
     if outward:
         position = _turn(position, f"named '{outward}', so positive in rebound")

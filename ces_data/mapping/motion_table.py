@@ -6,16 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_data.limits import RatingLimits
 from ces_data.mapping.rating import Candidate
 from ces_data.recording import Values
 
 BIN_S = 0.005
 MAX_BINS = 100_000
-MIN_COMMON = 50  # bins that both must have; fewer say nothing
-LATE = 0.5  # the same of one that is named a speed: that of Dyke, 5 ms late, has 0.70
-EXACT = 0.98  # correlation from which a candidate is another's derivative, if the ratio is that of two units, too
 UNIT_RATIOS = (1.0, 1e-3, 1e3, 1e-2, 1e2)
-RATIO_TOLERANCE = 0.1
 
 
 class MotionTable:
@@ -43,15 +40,15 @@ class MotionTable:
     def is_derivative(self, stroke: Candidate, other: Candidate) -> bool:
         """Return whether `other` is the speed of `stroke`, up to sign and unit."""
         correlation, gain = self.correlate(stroke, other)
-        if not abs(correlation) >= EXACT:
+        if not abs(correlation) >= RatingLimits.EXACT:
             return False
         if stroke.unit and other.unit:
             return other.unit.quantity == "speed"
-        return any(abs(abs(gain) / ratio - 1.0) < RATIO_TOLERANCE for ratio in UNIT_RATIOS)
+        return any(abs(abs(gain) / ratio - 1.0) < RatingLimits.UNIT_TOLERANCE for ratio in UNIT_RATIOS)
 
     def is_same(self, one: Candidate, other: Candidate) -> bool:
         """Return whether two candidates hold the same motion, such as a command and the position that follows it."""
-        return bool(abs(self.correlate_values(one, other)[0]) > 0.95)
+        return bool(abs(self.correlate_values(one, other)[0]) > RatingLimits.SAME_MOTION)
 
     def _width(self, candidate: Candidate) -> float:
         """Return the width of the bins [s] for a candidate: 5 ms times a power of two, at least two samples."""
@@ -73,7 +70,7 @@ class MotionTable:
 def _correlate(one: Values, other: Values) -> tuple[float, float]:
     """Return correlation and gain of `other` over `one`, both (n,), where both are known; NaN if that cannot be."""
     both = np.isfinite(one) & np.isfinite(other)
-    if both.sum() < MIN_COMMON:
+    if both.sum() < RatingLimits.MIN_BINS:
         return np.nan, np.nan
     a, b = one[both] - one[both].mean(), other[both] - other[both].mean()
     power, size = float(a @ a), float(b @ b)

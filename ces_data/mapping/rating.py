@@ -13,12 +13,10 @@ from itertools import compress
 
 import numpy as np
 
+from ces_data.limits import RatingLimits
 from ces_data.recording import Stamps, Values
 from ces_data.units import QUANTITIES, Unit, find_unit
 from ces_observer.signals import UNITS
-
-STEADY_SHARE = 0.5  # of the steps between samples that are zero: a current that is held, not a motion
-ROUGH = 1.0  # ratio of the RMS step to the standard deviation; white noise has 1.41
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,14 +80,14 @@ class Candidate:
     def held(self) -> bool:
         """True if the number changes in steps and is held between them."""
         steps = np.diff(self.finite)
-        return bool(not self.constant and (steps == 0.0).mean() > STEADY_SHARE)
+        return bool(not self.constant and (steps == 0.0).mean() > RatingLimits.STEADY_SHARE)
 
     @cached_property
     def rough(self) -> bool:
         """True if the samples jump about like noise instead of moving like a stroke."""
         steps = np.diff(self.finite)
         spread = float(self.finite.std())
-        return bool(len(steps) > 0 and spread > 0.0 and np.sqrt(np.mean(steps**2)) > ROUGH * spread)
+        return bool(len(steps) > 0 and spread > 0.0 and np.sqrt(np.mean(steps**2)) > RatingLimits.ROUGH * spread)
 
     @cached_property
     def rate_Hz(self) -> float:
@@ -162,7 +160,7 @@ def join_words(names: Sequence[str]) -> tuple[str, ...]:
 
 def read_meaning(names: Sequence[str]) -> NameMeaning:
     """Return what the names say, the most specific first: strong words before weak ones, in a name the last first."""
-    for table, weight in ((STRONG, 3.0), (WEAK, 1.5)):
+    for table, weight in ((STRONG, RatingLimits.STRONG_WORD), (WEAK, RatingLimits.WEAK_WORD)):
         for word in (word for name in names for word in reversed(split_words(name))):
             for quantity, texts in table.items():
                 if word in texts.split():
@@ -197,14 +195,6 @@ def name_sides(group: Sequence[Sequence[str]]) -> tuple[str, ...]:
     return tuple("_".join(dict.fromkeys(compress(mine, different))) for mine in words)
 
 
-RANGES = {  # of the span (position) or the peak, in SI units, in which a damper on a rig or vehicle works
-    "position": (0.001, 0.5),
-    "force": (20.0, 60_000.0),
-    "current": (0.05, 6.0),
-    "speed": (0.002, 10.0),
-    "acceleration": (0.05, 3000.0),
-    "temperature": (-60.0, 250.0),
-}
 USUAL = {  # units to try where none is stated, the likeliest first
     "position": ("m", "mm", "cm", "in"),
     "force": ("N", "kN", "lbf", "kip"),
@@ -225,7 +215,7 @@ def guess_unit(candidate: Candidate, signal: str) -> tuple[Unit | None, str]:
         return find_unit(usual[0]), f"always 0, so any unit; taken as {usual[0]}"
     allowed = [name for name in usual if _allows(name, signal, candidate)]
     if not allowed:
-        low, high = RANGES[signal]
+        low, high = RatingLimits.RANGES[signal]
         text = f"its unit is not known: a {what} of {number:.4g} is implausible in {', '.join(usual)}"
         return None, f"{text} (expected {low:g} to {high:g} in SI units)"
     chosen, *others = allowed
@@ -244,15 +234,9 @@ def is_plausible(candidate: Candidate, signal: str) -> bool:
 
 
 def _allows(name: str, signal: str, candidate: Candidate) -> bool:
-    unit, (low, high) = find_unit(name), RANGES[signal]
+    unit, (low, high) = find_unit(name), RatingLimits.RANGES[signal]
     number = candidate.span if signal == "position" else candidate.peak
     return unit is not None and low <= unit.scale * number + unit.offset <= high
-
-
-UNIT_POINTS, STEADY_POINTS, POSITIVE_POINTS, DEVICE_POINTS = 3.0, 1.0, 1.0, 1.0
-COMMAND_POINTS, COMPUTED_POINTS, FOREIGN_POINTS, SIGN_POINTS, RANGE_POINTS = -3.0, -5.0, -5.0, -2.0, -1.0
-CONSTANT_POINTS = -1.0  # of a current: possible, but not beside one that changes
-NEGATIVE_SHARE = 0.05  # of the peak, that an amplifier's offset may take a current below zero
 
 
 @dataclass(frozen=True)
@@ -290,11 +274,11 @@ def rate(candidate: Candidate, signal: str) -> Rating:
     if mine:
         rating = rating.add(meaning.weight, f"named '{meaning.word}'")
     if candidate.unit is not None:
-        rating = rating.add(UNIT_POINTS, f"unit {candidate.unit.text} {candidate.stated}".rstrip())
+        rating = rating.add(RatingLimits.UNIT, f"unit {candidate.unit.text} {candidate.stated}".rstrip())
     for points, reason in _remarks(candidate, signal):
         rating = rating.add(points, reason)
     if signal == "current" and candidate.constant:
-        points, reason = rating.points + CONSTANT_POINTS, f"constant at {candidate.high:g}"
+        points, reason = rating.points + RatingLimits.CONSTANT, f"constant at {candidate.high:g}"
         if rating.named:  # no reason against what is named so, but another is preferred
             return replace(rating, points=points, reasons=(*rating.reasons, reason))
         return replace(rating, points=points, against=(*rating.against, reason))
@@ -306,7 +290,7 @@ def _exclusion(candidate: Candidate, signal: str) -> str:
     unit, meaning = candidate.unit, read_meaning(candidate.names)
     if unit is not None and unit.quantity not in QUANTITIES[signal]:
         return f"its unit {unit.text} is not one of a {signal} [{UNITS[signal]}]"
-    if meaning.quantity not in ("", signal) and (unit is None or meaning.weight > 2.0):
+    if meaning.quantity not in ("", signal) and (unit is None or meaning.weight > RatingLimits.WEAK_WORD):
         return f"named '{meaning.word}': a {meaning.quantity}"
     if candidate.counts_up and unit is None and meaning.quantity != signal:
         return "only counts up: a time or a counter"
@@ -320,18 +304,18 @@ def _exclusion(candidate: Candidate, signal: str) -> str:
 def _remarks(candidate: Candidate, signal: str) -> Iterator[tuple[float, str]]:
     """Yield points and reason of what else the name and the numbers say."""
     if (word := find_word(candidate.names, DEVICE)) and read_meaning(candidate.names).quantity == signal:
-        yield DEVICE_POINTS, f"of a '{word}'"
+        yield RatingLimits.DEVICE, f"of a '{word}'"
     if word := find_word(candidate.names, COMMANDS, COMMAND_PARTS):
-        yield COMMAND_POINTS, f"a command by its name ('{word}'), not a measurement"
+        yield RatingLimits.COMMAND, f"a command by its name ('{word}'), not a measurement"
     if word := find_word(candidate.names, COMPUTED):
-        yield COMPUTED_POINTS, f"computed by its name ('{word}'), not measured"
+        yield RatingLimits.COMPUTED, f"computed by its name ('{word}'), not measured"
     if word := find_word(candidate.names, FOREIGN):
-        yield FOREIGN_POINTS, f"'{word}' in its name"
+        yield RatingLimits.FOREIGN, f"'{word}' in its name"
     if not candidate.constant and not is_plausible(candidate, signal):
-        yield RANGE_POINTS, f"range {candidate.low:.4g} to {candidate.high:.4g} is implausible for a {signal}"
-    if signal == "current" and candidate.low < -NEGATIVE_SHARE * candidate.peak:
-        yield SIGN_POINTS, f"goes below zero, to {candidate.low:.4g}"
+        yield RatingLimits.RANGE, f"range {candidate.low:.4g} to {candidate.high:.4g} is implausible for a {signal}"
+    if signal == "current" and candidate.low < -RatingLimits.NEGATIVE_SHARE * candidate.peak:
+        yield RatingLimits.SIGN, f"goes below zero, to {candidate.low:.4g}"
     elif signal == "current":
-        yield POSITIVE_POINTS, "never negative"
+        yield RatingLimits.POSITIVE, "never negative"
     if signal == "current" and candidate.held:
-        yield STEADY_POINTS, "held between steps"
+        yield RatingLimits.STEADY, "held between steps"

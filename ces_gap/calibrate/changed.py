@@ -12,11 +12,11 @@ from itertools import combinations
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.calibrate.choice import MAX_FREED
 from ces_gap.calibrate.free import choose_free
 from ces_gap.calibrate.parameters import SimulationParameters, find_determined, signatures, with_steps
 from ces_gap.calibrate.remembered import RememberedSimulation
 from ces_gap.inference.evidence import Evidence
+from ces_gap.limits import ParameterLimits
 from ces_identify.simulations.simulation import Simulation
 
 
@@ -31,7 +31,8 @@ def changed_parameters(
     jacobian = evidence.whiten(signatures(whole, start, evidence.traces))
     residual, determined = evidence.residual(evidence.alone), find_determined(jacobian, free)
     forms = []
-    for size in {*range(1, min(MAX_FREED, len(determined)) + 1), *([len(determined)] if determined else [])}:
+    count = len(determined)
+    for size in {*range(1, min(ParameterLimits.MAX_FREED, count) + 1), *([count] if count else [])}:
         steps = {places: _step(jacobian[:, places], residual) for places in combinations(determined, size)}
         best = max(steps, key=lambda places: float(steps[places] @ jacobian[:, places].T @ residual))
         forms.append(whole.hold_others(best).begin_at(start[list(best)] + steps[best]))

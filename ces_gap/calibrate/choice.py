@@ -16,18 +16,15 @@ from itertools import combinations
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.calibrate.fitting import VISIBLE, ParameterFit
-from ces_gap.calibrate.parameters import MIN_PIVOT, size_of
+from ces_gap.calibrate.fitting import ParameterFit
+from ces_gap.calibrate.parameters import size_of
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.fit import EffectFit, fit_from, fit_promising, fit_to_the_end, linearise
 from ces_gap.inference.rare import find_rare_deviation
-from ces_gap.inference.search import NEGLIGIBLE_SHARE, PARAMETER
+from ces_gap.limits import EvidenceLimits, ParameterLimits, SearchLimits, VerdictLimits
 from ces_gap.progress import Progress, ignore_progress
 
-MAX_REST = 0.5  # of a rest that is a visible gap by itself: what explains more of it is found beside the parameters
 CANDIDATES = 3  # effects that are tried beside the parameters: of the best without and of the best beside them
-SAME = 10.0  # whitened energy, of noise alone: an effect that leaves as little as parameters to this is what they are
-MAX_FREED = 4  # parameters that are freed together, unless all are
 MAX_SETS = 2000  # of one size; of very many parameters fewer are freed together
 MAX_REFITS = 8  # hypotheses that are refitted, best first
 MAX_ALIKE = 3  # more of them, which leave as little with no more causes
@@ -53,7 +50,7 @@ class Hypothesis:
 
     def cost(self, energy: float) -> float:
         """Return the energy left and the price of each parameter in a gap of this energy."""
-        return self.left + PARAMETER * energy * (0 if self.fit is None else len(self.fit.searched))
+        return self.left + SearchLimits.PARAMETER * energy * (0 if self.fit is None else len(self.fit.searched))
 
 
 @dataclass(frozen=True)
@@ -69,7 +66,7 @@ def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = 
     """Return the choice among the parameters that were `found` and the effects."""
     residual, energy = found.default_residual, found.gap_energy
     nothing = Hypothesis((), None, None, float(residual @ residual))
-    if energy <= VISIBLE**2 * len(residual) and not _has_rare_deviation(found):
+    if energy <= EvidenceLimits.VISIBLE**2 * len(residual) and not _has_rare_deviation(found):
         return ChosenExplanation(nothing, (), found.fit)
     alone = fit_promising(found.evidence, effects, CANDIDATES, progress)
     all_freed = found.beside(found.determined, found.searched[list(found.determined)])
@@ -77,10 +74,11 @@ def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = 
     tangents, simple = [_Tangent.at(found, j) for j in joints], [nothing, *(_hypothesis(found, (), f) for f in alone)]
     best, *others = _refit_best(found, tangents, simple, energy, progress)
     rest = best.left - len(residual)
-    if rest > VISIBLE**2 * len(residual) or _has_rare_deviation(found, best):  # left, and small beside the first gap
-        rest = max(rest, SAME / PARAMETER)
+    is_left = rest > EvidenceLimits.VISIBLE**2 * len(residual) or _has_rare_deviation(found, best)
+    if is_left:  # and small beside the first gap
+        rest = max(rest, ParameterLimits.SAME_ENERGY / SearchLimits.PARAMETER)
         again, *ties = _refit_best(found, tangents, simple, rest, progress)
-        if again.left - len(residual) < MAX_REST * rest:
+        if again.left - len(residual) < VerdictLimits.HALF * rest:
             best, others, energy = again, ties, rest
     instead = _replace_parameters(found, best, effects, progress) if best.effect is None else []
     best, *others = _choose_minimal([_finish(found, h) for h in (best, *others, *instead)], energy, len(residual))
@@ -104,7 +102,7 @@ def _refit_best(
     progress: Progress = ignore_progress,
 ) -> list[Hypothesis]:
     """Return the best hypothesis and its alternatives; a parameter costs its share of a gap of this energy."""
-    drafts = _without_needless([d for tangent in tangents for d in tangent.drafts(PARAMETER * energy)])
+    drafts = _without_needless([d for tangent in tangents for d in tangent.drafts(SearchLimits.PARAMETER * energy)])
     best, noise = drafts[0], len(found.default_residual)
     close = [d for d in drafts if d.cost < best.cost + REFIT_SHARE * energy][:MAX_REFITS]
     alike = [d for d in drafts if d.left < best.left + noise and len(d.members) <= len(best.members)]
@@ -203,7 +201,7 @@ class _Tangent:
         """Return every hypothesis of this effect and a few parameters, or all, that the data determine together."""
         count = len(self.found.effect.free)
         few: list[tuple[int, ...]] = []
-        for size in range(min(MAX_FREED, count) + 1):
+        for size in range(min(ParameterLimits.MAX_FREED, count) + 1):
             few += combinations(range(count), size) if math.comb(count, size) <= MAX_SETS else ()
         found = [self._draft(places, price) for places in dict.fromkeys((*few, self.found.determined))]
         return [draft for draft in found if draft is not None]
@@ -220,7 +218,7 @@ class _Tangent:
         size = np.sqrt(np.maximum(np.diag(block), 1e-300))
         inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
         sizes = np.array([size_of(self.found.effect.free[k]) for k in places])
-        if (MIN_PIVOT * np.sqrt(np.diag(inverse)[: len(places)]) > sizes).any():
+        if (EvidenceLimits.SURE * np.sqrt(np.diag(inverse)[: len(places)]) > sizes).any():
             return None
         moved = inverse @ right
         returned = float(back @ self.gram[np.ix_(held, held)] @ back - 2.0 * self.slope[held] @ back)
@@ -245,7 +243,7 @@ def _choose_minimal(hypotheses: Sequence[Hypothesis], energy: float, noise: floa
     rate, is that parameter.
     """
     ranked = sorted(hypotheses, key=lambda h: h.cost(energy))
-    best, margin = ranked[0], min(NEGLIGIBLE_SHARE * energy, noise)
+    best, margin = ranked[0], min(SearchLimits.NEGLIGIBLE * energy, noise)
     close = [
         h
         for h in ranked
@@ -254,7 +252,9 @@ def _choose_minimal(hypotheses: Sequence[Hypothesis], energy: float, noise: floa
     ]
     minimal = [h for h in close if not any(other.members < h.members for other in close)]
     without = [h.left for h in minimal if h.effect is None]
-    minimal = [h for h in minimal if h.effect is None or all(abs(h.left - o) > SAME for o in without)]
+    minimal = [
+        h for h in minimal if h.effect is None or all(abs(h.left - o) > ParameterLimits.SAME_ENERGY for o in without)
+    ]
     seen: dict[frozenset[object], Hypothesis] = {}
     for h in minimal:
         seen.setdefault(h.members, h)

@@ -25,14 +25,13 @@ from ces_gap.calibrate.parameters import SimulationParameters, find_determined, 
 from ces_gap.effects.effect import Effect
 from ces_gap.errors import GapError
 from ces_gap.grid import rms
-from ces_gap.inference.evidence import MIN_NOISE_N, NUMERICAL_ERROR, Evidence, gather
+from ces_gap.inference.evidence import Evidence, gather, least_noise_N
 from ces_gap.inference.fit import EffectFit, fit_to_the_end
-from ces_gap.inference.search import MIN_GAP_ENERGY
 from ces_gap.inputs.checks import exclude_saturated_ticks
-from ces_gap.trace import Trace, make_trace, noise_floor_N, own_error_N, require_usable, smooth_recording, usable_values
+from ces_gap.limits import EvidenceLimits
+from ces_gap.trace import Trace, make_trace, own_error_N, require_usable, smooth_recording
 from ces_identify.simulations.simulation import Simulation
 
-VISIBLE = 2.0  # deviations of the noise: a gap up to this is none (without this gate clean simulations are blamed)
 SAME = 1e-9  # of the force: by as much two equal calls may differ
 BIG = 1e3  # deviations by which the force may be off in a direction that the parameters fill
 
@@ -115,7 +114,7 @@ class ParameterFit:
     def gap_energy(self) -> float:
         """Whitened energy of the gap at the defaults, above the noise's."""
         residual = self.default_residual
-        return max(float(residual @ residual) - len(residual), MIN_GAP_ENERGY * len(residual))
+        return max(float(residual @ residual) - len(residual), EvidenceLimits.MIN_GAP_ENERGY * len(residual))
 
     @property
     def cost(self) -> float:
@@ -135,12 +134,11 @@ class ParameterFit:
 
 
 def unexplained_N(traces: Sequence[Trace]) -> float:
-    """Return the RMS [N] that no parameter explains: a gap of VISIBLE times as much is none.
+    """Return the RMS [N] that no parameter explains: a gap of `EvidenceLimits.VISIBLE` times as much is none.
 
-    It is noise, at least the numerical error of simulations, and of an identified model the limit of its own error.
+    It is noise, and of an identified model the limit of its own error.
     """
-    numerical_N = NUMERICAL_ERROR * rms(usable_values(traces, [t.force for t in traces]))
-    return math.hypot(max(noise_floor_N(traces), numerical_N, MIN_NOISE_N), own_error_N(traces) / VISIBLE)
+    return math.hypot(least_noise_N(traces), own_error_N(traces) / EvidenceLimits.VISIBLE)
 
 
 def fit_parameters(

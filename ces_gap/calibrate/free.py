@@ -10,13 +10,12 @@ from itertools import product
 
 from ces_gap.effects.effect import EffectParameter
 from ces_gap.errors import GapError
+from ces_gap.limits import ParameterLimits
 from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import OptionName
 
 NONE = "none"  # as the only word of --fit: all parameters stay as they are
-FACTOR = 10.0  # a parameter without a range is searched from a tenth of its default to ten times it
-MAX_TRIALS = 20  # combinations of whole numbers, each a fit of its own
 WORD = re.compile(r"([^=]+)(?:=(.+)\.\.(.+))?")
 
 
@@ -58,10 +57,9 @@ def choose_free(simulation: Simulation, words: Sequence[str], spec: str) -> Free
         whole,
         tuple(f"{name} is not fitted: {why}" for name, why in skipped.items()),
     )
-    if len(free.trials) > MAX_TRIALS:
-        raise GapError(
-            OptionName("fit"), f": {len(free.trials)} combinations of whole numbers; expected at most {MAX_TRIALS}"
-        )
+    if len(free.trials) > ParameterLimits.MAX_TRIALS:
+        most = f"expected at most {ParameterLimits.MAX_TRIALS}"
+        raise GapError(OptionName("fit"), f": {len(free.trials)} combinations of whole numbers; {most}")
     return free
 
 
@@ -97,7 +95,7 @@ def _whole_values(p: Parameter, ends: tuple[float, float] | None) -> tuple[int, 
 
 def _as_searched(p: Parameter, ends: tuple[float, float] | None) -> EffectParameter:
     """Return the parameter with its scale and bounds: logarithmic where all of them are positive."""
-    around = sorted((p.default / FACTOR, p.default * FACTOR))
+    around = sorted((p.default / ParameterLimits.RANGE_FACTOR, p.default * ParameterLimits.RANGE_FACTOR))
     low, high = ends or (max(p.low, around[0]), min(p.high, around[1]))
     if not ends and p.default == 0.0:
         low, high = p.low, p.high

@@ -17,15 +17,13 @@ from ces_data.arrays import F
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.effects.effect import SIMULATION, Composition, Effect, EffectParameter
 from ces_gap.grid import rms
+from ces_gap.limits import EvidenceLimits, ParameterLimits
 from ces_gap.trace import Trace, TraceInputs, resample_to_grid, usable_values
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
 NAME = "parameters"
 FIRST_STEP, MIN_STEP, MAX_STEP = 0.02, 1e-4, 0.25  # of a parameter's size, by which it is changed for a derivative
-MIN_PIVOT = 3.0  # deviations of the noise by which a change of a parameter's own size moves the force, others refitted
-SHARE = 0.2  # of a parameter's signature that another one makes up, from which the two move together
-MOVES_TOGETHER = 0.95  # correlation of two estimates
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ def find_determined(jacobian: F, parameters: Sequence[EffectParameter]) -> list[
         return []
     sized = jacobian * np.array([size_of(p) for p in parameters])
     pivots, order = qr(sized, mode="r", pivoting=True)
-    clear = np.abs(np.diag(pivots)) > MIN_PIVOT
+    clear = np.abs(np.diag(pivots)) > EvidenceLimits.SURE
     return sorted(order[: len(clear)][clear].tolist())
 
 
@@ -144,7 +142,8 @@ def find_groups(jacobian: F, covariance: F, determined: Sequence[int], names: Se
         if not (size := float(np.linalg.norm(jacobian[:, k]))) or not len(determined):
             continue
         weights = np.linalg.lstsq(columns, jacobian[:, k], rcond=1e-9)[0] * np.linalg.norm(columns, axis=0)
-        near = [names[j] for j, w in zip(determined, weights.tolist(), strict=True) if abs(w) > SHARE * size]
+        least = ParameterLimits.MAX_SHARED * size
+        near = [names[j] for j, w in zip(determined, weights.tolist(), strict=True) if abs(w) > least]
         groups += [(names[k], *near)] if near else []
     return groups + _find_correlated(covariance, [names[k] for k in determined])
 
@@ -154,7 +153,7 @@ def _find_correlated(covariance: F, names: Sequence[str]) -> list[tuple[str, ...
     if not len(names):
         return []
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    close: NDArray[np.bool_] = np.abs(covariance / np.outer(size, size)) > MOVES_TOGETHER
+    close: NDArray[np.bool_] = np.abs(covariance / np.outer(size, size)) > ParameterLimits.MAX_CORRELATION
     count, group = connected_components(close, directed=False)
     groups = [tuple(name for name, own in zip(names, group, strict=True) if own == k) for k in range(count)]
     return [names for names in groups if len(names) > 1]

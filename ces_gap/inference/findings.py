@@ -22,11 +22,8 @@ from ces_gap.inference.search import (
     interchangeable_effects,
     min_unexplained_shares,
 )
+from ces_gap.limits import EvidenceLimits, VerdictLimits
 from ces_gap.trace import gap_N, noise_floor_N, own_error_N, usable_values
-
-TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
-TOLERANCE_NOISES = 2.0  # times the noise: limit of that default, so that a gap clear of the noise is not overlooked
-CLEAR_Z = 20.0  # z of a gain as large as the noise, in however few blocks
 
 
 def collect_findings(
@@ -87,7 +84,9 @@ def measure_gap(result: EffectSearchResult) -> GapSize:
 
 def tolerance_N(noise_N: float, force_N: float, share: float | None) -> float:
     """Return the gap [N] that counts as none: a `share` of the RMS force, by default small beside force and noise."""
-    return min(TOLERANCE_SHARE * force_N, TOLERANCE_NOISES * noise_N) if share is None else share * force_N
+    if share is None:
+        return min(VerdictLimits.TOLERANCE * force_N, EvidenceLimits.VISIBLE * noise_N)
+    return share * force_N
 
 
 def twin_error_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:
@@ -114,7 +113,7 @@ def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling)
     left = float(residual @ residual) - len(residual)
     return VerdictFigures(
         energy=(float(baseline @ baseline) - len(baseline)) / len(baseline),
-        gain_z=max(gain.z, CLEAR_Z * gain.energy / len(residual)) if best is not None else 0.0,
+        gain_z=max(gain.z, EvidenceLimits.CLEAR_Z * gain.energy / len(residual)) if best is not None else 0.0,
         ceiling_z=ceiling.z,
         unexplained=left / result.gap_energy,
         learnable=rest.energy / result.gap_energy,

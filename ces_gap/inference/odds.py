@@ -16,7 +16,7 @@ from importlib.resources import files
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.inference.search import NEGLIGIBLE_SHARE
+from ces_gap.limits import SearchLimits
 
 MIN_PROBABILITY = 1e-12  # of a cause that was found, so that shares of it are defined
 
@@ -123,7 +123,7 @@ def gap_features(figures: VerdictFigures) -> F:
 
 def unknown_features(figures: VerdictFigures) -> F:
     """Return the features of the probability of an unknown cause."""
-    share = float(np.clip(figures.unexplained, NEGLIGIBLE_SHARE, 2.0))
+    share = float(np.clip(figures.unexplained, SearchLimits.NEGLIGIBLE, 2.0))
     return np.array([1.0, np.log(share), float(np.clip(figures.learnable, 0.0, 1.0)), float(figures.stuck > 0)])
 
 
@@ -143,8 +143,8 @@ def probabilities(
     unknown = (1.0 - none) * _logistic(unknown_features(figures) @ np.array(weights.unknown))
     names = list(unexplained)
     least = max(twin_error, 0.0)
-    left = np.log(np.maximum(np.array([unexplained[n] for n in names]), least) + NEGLIGIBLE_SHARE)
-    together = np.log(max(figures.unexplained, least) + NEGLIGIBLE_SHARE)
+    left = np.log(np.maximum(np.array([unexplained[n] for n in names]), least) + SearchLimits.NEGLIGIBLE)
+    together = np.log(max(figures.unexplained, least) + SearchLimits.NEGLIGIBLE)
     left[[n in composition for n in names]] = min(together, left.min())
     share = np.exp(-weights.sharpness * (left - left.min()))
     share *= (1.0 - none - unknown) / share.sum()

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ces_gap.baseline.input_timing import MAX_DELAY_S, MAX_LEAD_SAMPLES, ON_TIME, InputTiming
+from ces_gap.limits import ProbeLimits
 
 STATIC, HELD, INTERPOLATED, EARLY, LATE, UNCLEAR = "static", "held", "interpolated", "early", "late", "unclear"
-MIN_LEAD = 0.3  # samples: a smaller lead is not found
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class SimulationProbe:
     def timing(self) -> InputTiming:
         """The timing that can be undone, at its certain values."""
         lead, delay_s = self.current_lead_samples, self.position_delay_s[0]
-        is_lead = math.isfinite(lead) and MIN_LEAD <= abs(lead) <= MAX_LEAD_SAMPLES
+        is_lead = math.isfinite(lead) and ProbeLimits.MIN_SHIFT_SAMPLES <= abs(lead) <= MAX_LEAD_SAMPLES
         return InputTiming(round(lead, 2) if is_lead else 0.0, min(delay_s, MAX_DELAY_S))
 
 
@@ -93,7 +93,7 @@ def _describe(found: SimulationProbe) -> Iterator[ProbeFinding]:
     done, lead, (delay_s, highest_s) = found.corrected, found.current_lead_samples, found.position_delay_s
     if found.is_learnt:
         lead, delay_s = 0.0, 0.0
-    if abs(lead) >= MIN_LEAD:  # not if it is unknown
+    if abs(lead) >= ProbeLimits.MIN_SHIFT_SAMPLES:  # not if it is unknown
         text = f"{abs(lead):.2g} samples ({1e3 * abs(found.current_lead_s):.2g} ms) {'early' if lead > 0.0 else 'late'}"
         corrected = _say_corrected(bool(done.current_lead_samples), "valve lag")
         meaning = f"{CURRENT_MEANINGS[found.current_convention]}; {corrected}"

@@ -20,7 +20,8 @@ from ces_data.recording import Channel, Recording
 from ces_gap.baseline.input_timing import MAX_DELAY_S, ON_TIME, InputTiming, RetimedSimulation
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.grid import derivative, is_constant, rms
-from ces_gap.inputs.probe_result import EARLY, HELD, INTERPOLATED, LATE, MIN_LEAD, NOT_PROBED, STATIC, SimulationProbe
+from ces_gap.inputs.probe_result import EARLY, HELD, INTERPOLATED, LATE, NOT_PROBED, STATIC, SimulationProbe
+from ces_gap.limits import EvidenceLimits, ProbeLimits, SearchLimits
 from ces_gap.progress import OptionalSteps
 from ces_gap.trace import Trace, usable_values
 from ces_identify.simulations.simulation import ModelSimulation, Simulation, find_predictions
@@ -31,24 +32,14 @@ SETTLED = 0.4  # of a half-stroke: what came before the corner has settled
 STEP_AT = 0.55  # of a half-stroke: a step of the current
 AFTER_STEP = 0.36  # of a half-stroke in which the answer is watched, up to the corner
 SLOWER = 0.4  # of the higher speed: the other one
-MIN_SPEED_M_S = 1e-3  # [m/s] slower recordings do not move
-MAX_STEP_S = 0.0125  # [s] of the samples: fewer show no step of the current
 TONES_HZ = np.array([12.0, 21.0, 33.0, 50.0, 65.0, 85.0, 110.0, 145.0, 190.0, 250.0])
 LOW_TONES = 4  # as many show the lag of force behind speed
 MAX_TONE = 0.25  # of the sample rate: above it differences of samples are no speed
 TONE_SHARE = 0.02  # of the speed: the speed of each small cosine
-MIN_ANSWER = 0.01  # of the force's RMS: smaller changes by a step of current show nothing
-MIN_DELAY_SAMPLES, MIN_DELAY_S = 0.3, 0.2e-3
-MIN_DAMPING_RATIO, MAX_DAMPING_RATIO = 1.15, 4.0  # of two operating points that tell a filter from a soft damper
 FAST = 4  # as many half-strokes at the higher speed, where the valve is open, then as many at the other
-ACTIVE_RAD = 1.65  # lag of force behind speed beyond which no damper is passive
-SURE = 3.0  # standard errors
 MIN_NOISE = 1e-6  # of the force's RMS: rounding
-MIN_ROUGHNESS, MIN_TICKS = 2e-3, 10  # of the force's RMS, ticks that show it
-WHITE = 0.5  # correlation of successive values below which a difference counts as noise
-MAX_OPEN = 1.5  # highest over certain delay: beyond, the damper's own elasticity is a part of the lag, and may be all
+MIN_TICKS = 10  # of a half-stroke, that show whether a force is rough
 LEFT_OPEN = 0.1  # of a delay: how far the recordings may choose another one
-MIN_GAIN = 0.02  # of the energy of the error: a correction that gains less is not made
 
 
 @dataclass(frozen=True)
@@ -122,11 +113,11 @@ def correct_inputs(
         return rms(measured - usable_values(judges, forces)) ** 2
 
     def better(timing: InputTiming) -> InputTiming:
-        return timing if left(timing) < (1.0 - MIN_GAIN) * left(best) else best
+        return timing if left(timing) < (1.0 - SearchLimits.MIN_FORM_GAIN) * left(best) else best
 
     if lead := found.timing.current_lead_samples:
         best = better(InputTiming(lead))
-    if low_s > 0.0 and high_s < MAX_OPEN * low_s:  # the recordings choose within what the probe leaves open
+    if low_s > 0.0 and high_s < ProbeLimits.MAX_OPEN * low_s:  # the recordings choose within what the probe leaves open
         delays = np.linspace((1.0 - LEFT_OPEN) * low_s, min((1.0 + LEFT_OPEN) * high_s, MAX_DELAY_S), 3)
         curve = np.polyfit(delays, [left(replace(best, position_delay_s=float(d))) for d in delays], 2)
         vertex = -0.5 * curve[1] / curve[0] if curve[0] > 0.0 else delays[int(np.argmin(np.polyval(curve, delays)))]
@@ -177,8 +168,8 @@ def _move(at: _Range, speeds: Sequence[float], levels: Sequence[float], jump: fl
 
 def _ask(run: Runner, at: _Range) -> SimulationProbe:
     (low_A, high_A), fast, slow = at.current_A, at.speed_m_s, SLOWER * at.speed_m_s
-    if not fast > MIN_SPEED_M_S or at.step_s > MAX_STEP_S:
-        why = "hardly moves" if at.step_s <= MAX_STEP_S else f"has a position every {at.step_s:.2g} s only"
+    if not fast > ProbeLimits.MIN_SPEED_M_S or at.step_s > ProbeLimits.MAX_STEP_S:
+        why = "hardly moves" if at.step_s <= ProbeLimits.MAX_STEP_S else f"has a position every {at.step_s:.2g} s only"
         return SimulationProbe(note=f"the simulation was not probed: the recording {why}")
     base = _move(at, [fast] * FAST + [slow] * FAST, [low_A, low_A, high_A, high_A] * 2)
     tones = TONES_HZ[TONES_HZ * at.step_s <= MAX_TONE]
@@ -198,9 +189,9 @@ def _ask(run: Runner, at: _Range) -> SimulationProbe:
             scatter = 2.0 * noise_N / math.sqrt(ticks) / (TONE_SHARE * slow)  # of the damping [N s/m]
             found = _find_filter(found, points, is_fast, tones, scatter)
     if high_A > low_A:
-        found = _find_lead(found, run, at, MIN_ANSWER * size_N)
+        found = _find_lead(found, run, at, ProbeLimits.MIN_ANSWER * size_N)
     rough_N = _measure_roughness(0.5 * (first + less), at.step_s)
-    return replace(found, noise_N=max(noise_N, rough_N if rough_N > MIN_ROUGHNESS * size_N else 0.0))
+    return replace(found, noise_N=max(noise_N, rough_N if rough_N > ProbeLimits.MIN_ROUGHNESS * size_N else 0.0))
 
 
 def _parts(values: F, step_s: float) -> Iterator[Mask]:
@@ -221,7 +212,7 @@ def _compare_calls(difference: F, size_N: float) -> tuple[float, float]:
     """Return the noise and the memory [N] that the difference of two equal calls shows; another was in between."""
     if len(difference) < 2 or rms(difference) <= MIN_NOISE * size_N:
         return 0.0, 0.0
-    is_white = abs(float(difference[1:] @ difference[:-1])) < WHITE * float(difference @ difference)
+    is_white = abs(float(difference[1:] @ difference[:-1])) < ProbeLimits.WHITE * float(difference @ difference)
     return (rms(difference) / math.sqrt(2.0), 0.0) if is_white else (0.0, rms(difference))
 
 
@@ -253,20 +244,21 @@ def _find_filter(
     low = w[:LOW_TONES]
     fitted = np.linalg.pinv(np.stack([low, low**3, 1.0 / low], axis=1))[0]  # the lag at the frequencies of strokes
     lag = -phase[:, :LOW_TONES] @ fitted  # without that of a spring in parallel, such as gas, over frequency
-    error_s = SURE * scatter / max(float(size.min()), 1e-9) * float(np.linalg.norm(fitted))
+    error_s = EvidenceLimits.SURE * scatter / max(float(size.min()), 1e-9) * float(np.linalg.norm(fitted))
     rest = _extrapolate(lag[is_fast], size[is_fast]) or _extrapolate(lag, size)
     highest = max(float(lag.min()), 0.0)
     certain = min(float(np.median(rest)) if rest else 0.0, highest)
-    if not rest and (phase.min(axis=1) < -ACTIVE_RAD).all():
+    if not rest and (phase.min(axis=1) < -ProbeLimits.ACTIVE_RAD).all():
         certain = highest
-    is_found = certain - error_s > max(MIN_DELAY_SAMPLES * found.sample_s, MIN_DELAY_S)
+    is_found = certain - error_s > max(ProbeLimits.MIN_SHIFT_SAMPLES * found.sample_s, ProbeLimits.MIN_DELAY_S)
     return replace(found, position_delay_s=(certain if is_found else 0.0, highest + error_s))
 
 
 def _extrapolate(lag: F, size: F) -> list[float]:
     """Return the lag [s] (n,) at no damping, from each pair of points whose damping `size` (n,) [N s/m] differs."""
     points = range(len(lag))
-    pairs = [(i, j) for i in points for j in points if MIN_DAMPING_RATIO < size[j] / size[i] < MAX_DAMPING_RATIO]
+    low, high = ProbeLimits.MIN_DAMPING_RATIO, ProbeLimits.MAX_DAMPING_RATIO
+    pairs = [(i, j) for i in points for j in points if low < size[j] / size[i] < high]
     return [float(lag[i] - (lag[j] - lag[i]) / (size[j] / size[i] - 1.0)) for i, j in pairs]
 
 
@@ -302,12 +294,12 @@ def _find_lead(found: SimulationProbe, run: Runner, at: _Range, least_N: float) 
         sign = math.copysign(1.0, size)
         area, sizes, own = area + sign * float(apart.sum()), sizes + abs(size), own + sign * float(answer[before])
         ticks += len(answer)
-    error = SURE * 2.0 * found.noise_N * math.sqrt(2.0 * ticks) / max(sizes, 1e-9)
-    if sizes <= FAST * least_N or error > MIN_LEAD:
+    error = EvidenceLimits.SURE * 2.0 * found.noise_N * math.sqrt(2.0 * ticks) / max(sizes, 1e-9)
+    if sizes <= FAST * least_N or error > ProbeLimits.MIN_SHIFT_SAMPLES:
         return found
     lead = 2.0 * area / sizes
     how = EARLY if lead > 0.0 else LATE
-    if abs(lead) < MIN_LEAD:
+    if abs(lead) < ProbeLimits.MIN_SHIFT_SAMPLES:
         how = STATIC if own / sizes > 0.9 else HELD  # the answer in the step's own sample
     elif abs(lead - 0.5) < 0.2:
         how = INTERPOLATED

@@ -21,7 +21,7 @@ from ces_gap.diagnosis import (
 )
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.inference.judgement import ALTERNATIVES, CALIBRATION, REMAINS, TIMING, UNCERTAIN
-from ces_gap.inference.verdict import TENTH
+from ces_gap.limits import VerdictLimits
 from ces_gap.report.calibration import describe_alternative, describe_setting, describe_values
 from ces_report.typesetting import format_number, join_with
 
@@ -50,8 +50,12 @@ def with_parameters(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
         beyond = replace(d, gap=replace(d.gap, rms_N=d.gap.corrected_N, ci95_N=d.gap.corrected_ci95_N))
         text = f"{sentence} Beside {_count(chosen)}: {_lower(format_verdict(beyond))}{describe_rare(d)}"
         d = replace(d, sentence=text)
-        if d.verdict == UNKNOWN and d.gap.corrected_N <= max(d.tolerance_N, TENTH * d.gap.rms_N):  # little is left
-            d = replace(d, verdict=AMBIGUOUS, doubt=REMAINS, probability_unknown=min(d.probability_unknown, TENTH))
+        if d.verdict == UNKNOWN and d.gap.corrected_N <= max(
+            d.tolerance_N, VerdictLimits.TENTH * d.gap.rms_N
+        ):  # little is left
+            d = replace(
+                d, verdict=AMBIGUOUS, doubt=REMAINS, probability_unknown=min(d.probability_unknown, VerdictLimits.TENTH)
+            )
         d = replace(d, composition=_join(parameters, d.composition))
     return _with_alternatives(_weigh(d, parameters), chosen)
 

@@ -23,6 +23,7 @@ from ces_gap.effects.effect import Setting
 from ces_gap.effects.refitted import NetworkPart
 from ces_gap.inference.judgement import CALIBRATION, PARAMETERS
 from ces_gap.inputs.probe_result import ProbeFinding
+from ces_gap.limits import RegionLimits
 from ces_gap.report.formatting import (
     effect_name,
     join_effect_names,
@@ -40,7 +41,7 @@ MAX_ROWS = 6  # effects with a row of their own
 TOGETHER = "together"
 ALWAYS = 3  # as many effects always have a row
 MIN_PROBABILITY = 0.005  # of a further effect with a row
-CLEAR_Q, MAX_REGIONS = 0.05, 10  # false-discovery rate and number of the regions in the before-after table
+MAX_REGIONS = 10  # in the before-after table
 
 
 @dataclass(frozen=True)
@@ -270,7 +271,7 @@ RegionGap = tuple[GapRegion, float]  # a region and the gap after [N] in it
 
 def region_table(d: Diagnosis) -> Table[RegionGap] | None:
     """Return the gap before and after in the regions where it is significantly larger than elsewhere; None without."""
-    regions = [(r, after) for r, after in d.by_region if r.q_value <= CLEAR_Q][:MAX_REGIONS]
+    regions = [(r, after) for r, after in d.by_region if r.q_value <= RegionLimits.SIGNIFICANT][:MAX_REGIONS]
     longest = max([max(r.rms_N, after) for r, after in regions] + [1e-9])
 
     def bars(row: RegionGap) -> Markup:

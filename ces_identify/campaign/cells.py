@@ -21,6 +21,7 @@ from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.search import INTERRUPTED
 from ces_identify.options import IdentifyRequest
 from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation
+from ces_observer.errors import OptionName
 
 REST = "rest"  # the part of a recording after `split`, as a validation set
 COUNTED = ("terms", "units", "rules", "curves")

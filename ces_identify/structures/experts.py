@@ -21,7 +21,13 @@ from markupsafe import Markup
 from ces_data.arrays import F, I
 from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.core import core_kernel
-from ces_identify.numerics.least_squares import CentredProblem, descend_about_centre
+from ces_identify.numerics.least_squares import (
+    NormalEquations,
+    Penalty,
+    check_error_first,
+    improve,
+    pull_towards,
+)
 from ces_identify.numerics.search import Limits, Listener, SearchResult, reason_to_end, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
@@ -151,21 +157,29 @@ class ExpertsFit(LaggedModels):
         )
         return Experts(self.regressors[:-1], self.regressors[-1], self.training.scale_N, experts)
 
-    def problem(self) -> CentredProblem:
-        """Return the free run's squared error on the estimation ticks, with the pulls."""
-        pull = np.concatenate([np.full(self.rows, self.decay), np.full(3 * self.count, GAIN_PULL)])
-        return CentredProblem(self._error, self._differentiate, pull, self.centre)
+    @property
+    def pull(self) -> Penalty:
+        """The pull of weights towards 0, and of gains and rooms towards the usual ones."""
+        weights = np.concatenate([np.full(self.rows, self.decay), np.full(3 * self.count, GAIN_PULL)])
+        return pull_towards(self.centre, weights)
 
-    def _error(self, params: F) -> float:
+    def improve(self, params: F, steps: int) -> Iterator[F]:
+        """Yield better parameters after each of some steps of a descent."""
+        equations = check_error_first(self.error, self.differentiate)
+        for point in islice(improve(equations, params, [self.pull]), 1, 1 + steps):
+            yield point.params
+
+    def error(self, params: F) -> float:
+        """Return the free run's squared error on the estimation ticks, infinite if it is not finite."""
         t = self.training
         error = t.estimation @ (self.force(params, t.loose) - t.measured) ** 2
         return float(error) if np.isfinite(error) else np.inf
 
-    def _differentiate(self, params: F) -> tuple[float, F, F]:
-        """Return the error, its matrix and the gradient of half of it, from those by the numbers of the tick."""
-        error, matrix, gradient = self.normal_equations(self.table, params, np.inf)
+    def differentiate(self, params: F) -> NormalEquations:
+        """Return the normal equations by the parameters, from those by the numbers of the tick."""
+        error, matrix, gradient = self.equations(params, np.inf)
         if not np.isfinite(error):
-            return error, matrix, gradient
+            return NormalEquations(error, matrix, gradient)
         _, gains, rooms = self.split(params)
         slopes = gains * (1.0 - gains / self.limit)
         to = np.zeros((self.count, 3, 3))
@@ -175,7 +189,7 @@ class ExpertsFit(LaggedModels):
             gradient[part] = own.T @ gradient[part]
             matrix[:, part] = matrix[:, part] @ own
             matrix[part] = own.T @ matrix[part]
-        return error, matrix, -gradient
+        return NormalEquations(error, matrix, gradient)
 
 
 def take_every(training: Training, every: int) -> Training:
@@ -193,7 +207,7 @@ def descend_in_stages(family: ExpertsFit, params: F) -> Iterator[tuple[bool, F]]
     for limit in np.geomspace(FIRST_LIMIT, family.limit, STAGES + 1):
         last = limit == family.limit
         stage, steps = (late, LAST_STEPS) if last else (replace(early, limit=float(limit)), STAGE_STEPS)
-        for _, better in islice(descend_about_centre(stage.problem(), params), steps):
+        for better in stage.improve(params, steps):
             params = better
             yield last, params
 
@@ -223,8 +237,7 @@ def refit_member(family: ExpertsFit, params: F, weights: F) -> F:
     """Return the parameters after a few more steps on ticks with these weights (ticks,)."""
     every = len(weights) // LAST_TICKS
     again = replace(family, training=take_every(replace(family.training, estimation=weights), every))
-    steps = islice(descend_about_centre(again.problem(), params), REFIT_STEPS)
-    return [params, *(better for _, better in steps)][-1]
+    return [params, *again.improve(params, REFIT_STEPS)][-1]
 
 
 def choose_lags(rate_Hz: float) -> tuple[float, ...]:

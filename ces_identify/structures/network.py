@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
+from ces_identify.numerics.least_squares import Penalty, pull_towards
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
@@ -19,7 +20,6 @@ from ces_identify.training import (
     Family,
     LagCounts,
     Lags,
-    RegressorTable,
     Training,
     build_regressors,
     normal_equations,
@@ -104,11 +104,11 @@ class NetworkFit(Family):
         grown[len(params) :: 2 + len(self.regressors)] = 0.0
         return grown
 
-    def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared error with decay, its matrix and its gradient."""
-        error, matrix, gradient = self.normal_equations(table, params, max_error)
-        matrix[np.diag_indices_from(matrix)] += self.decay
-        return error + self.decay * float(params @ params), matrix, gradient - self.decay * params
+    @property
+    def pull(self) -> Penalty:
+        """The pull of all parameters towards 0."""
+        count = 1 + len(self.regressors) + self.units * (2 + len(self.regressors))
+        return pull_towards(np.zeros(count), np.full(count, self.decay))
 
     def gains(self, params: F) -> tuple[F, F]:
         """Return the bound of ces_observer.structures.network (1,), smoothed upward, and its gradient (1, params)."""

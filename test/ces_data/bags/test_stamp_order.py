@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from ces_data.bags.reader import MAX_LATE_NS, LateSamples, sort_late_samples
+from ces_data.bags.reader import LateSamples, sort_late_samples
+from ces_data.limits import OrderLimits
 from ces_data.recording import Channel
 
 MS = 1_000_000
@@ -55,7 +56,7 @@ def test_late_samples_within_bursts(bursts):
 
 def test_sample_later_than_the_window_is_left_as_it_is():
     stamps = regular()
-    late = MAX_LATE_NS // MS
+    late = OrderLimits.MAX_LATE_NS // MS
     assert sort_late_samples(channel(stamps[store_late(stamps, [700], late)]))[1] is not None
     assert_unchanged(channel(stamps[store_late(stamps, [700], late + 1)]))
 
