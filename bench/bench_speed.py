@@ -23,13 +23,13 @@ from scipy.signal import butter, sosfilt
 from speed_peers import PEERS, F, Filter, grid, observer
 
 from ces_data.recording import Recording
+from ces_data.waveforms.strokes import Sine, Sweep, road_stroke
 from ces_identify.prepare.cost import cost
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare, select_samples
 from ces_observer.model import Sampling
 from ces_rig.dampers.stepper import HYDRAULIC, KINDS, simulate, spline_speed
 from ces_rig.errors import RigError
-from ces_rig.experiments.strokes import Sine, Sweep, road_stroke
 from ces_rig.experiments.virtual import Experiment, find_experiment, load_experiment, make_rng
 from ces_rig.sensors import EPOCH_NS, GRID_S, Sensors
 

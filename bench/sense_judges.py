@@ -15,11 +15,11 @@ from scipy.signal import butter, sosfiltfilt
 
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
+from ces_data.waveforms.currents import Binary, ConstantLevel, FilteredNoise, SineCurrent, Steps, StrokeFollowing
+from ces_data.waveforms.sequences import Current
+from ces_data.waveforms.strokes import FrequencyModulated, NoiseStroke, RoadStroke, Sine, SumOfSines, Sweep, Triangle
 from ces_rig.dampers.effects import EFFECTS
 from ces_rig.dampers.model import DamperModel
-from ces_rig.experiments.currents import Binary, ConstantLevel, FilteredNoise, SineCurrent, Steps, StrokeFollowing
-from ces_rig.experiments.sequences import Current
-from ces_rig.experiments.strokes import FrequencyModulated, NoiseStroke, RoadStroke, Sine, SumOfSines, Sweep, Triangle
 from ces_rig.sensors import GRID_S, Sensor, Sensors, measure_signals
 from ces_rig.withheld.plants import PLANTS, available_effects, draw_effect, draw_plant, simulate_signals
 

@@ -190,7 +190,7 @@ def _make(request: MakeRequest) -> int:
             request.seconds,
             request.jobs or os.cpu_count() or 1,
             {"seed": request.seed, "planned": len(plan), "plants": list(levels.plants)},
-            lambda label: progress.count(f"case {label['case']} created"),
+            lambda label: progress.count(f"case {label.case} created"),
         )
     count_of = {kind: sum(case.kind == kind for case in plan) for kind in KINDS}
     if request.json:
@@ -256,17 +256,19 @@ def _diagnose_missing(planned: Sequence[tuple[Path, Path, Mode]], jobs: int | No
 def _score(request: ScoreRequest) -> int:
     """Score results against the seal, print the tables and write them; returns the exit status. Raises CesError."""
     require_outputs(request.overwrite, {OUT: request.out})
-    about, labels = open_seal(request.cases)
+    sealed = open_seal(request.cases)
     by_mode: dict[str, list[CaseOutcome]] = {}
     parts: list[str | TextRows] = []
     for folder, mode in find_modes(request.results, request.cases):
         if mode.name in by_mode:
             raise CesError(f"{folder}: a second folder with results of mode {mode.name}; give one for each mode")
-        shown = track(labels, "scoring", console=terminal.err, transient=True, disable=not terminal.err.is_terminal)
+        shown = track(
+            sealed.labels, "scoring", console=terminal.err, transient=True, disable=not terminal.err.is_terminal
+        )
         outcomes, failed = score_cases(request.cases, folder, shown, mode)
         if outcomes:
             by_mode[mode.name] = outcomes
-            parts += [f"## `{mode.name}`", _format_opening(outcomes, failed, len(labels), about)]
+            parts += [f"## `{mode.name}`", _format_opening(outcomes, failed, len(sealed.labels), sealed.about)]
             groups = {title: group_cases(outcomes, attrgetter(key)) for title, key in SLICES.items()}
             parts += [*(metric_table(*group) for group in groups.items()), withheld_table(outcomes)]
     if not by_mode:

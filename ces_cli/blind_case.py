@@ -6,7 +6,7 @@ import json
 import logging
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -27,6 +27,7 @@ from ces_identify.structures.auto import physical_structures
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
+from ces_rig.blind.cases import CaseDescription, read_case
 from ces_rig.blind.scoring import (
     DECISION,
     GAP,
@@ -66,15 +67,13 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     from ces_gap.pipeline import DiagnoseOptions, diagnose
     from ces_gap.report.gap_json import write_gap
 
-    described = json.loads((case / "case.json").read_text(encoding="utf-8"))
-    if len(described["reference"]) < mode.references:
-        raise CesError(
-            f"{case}: has {len(described['reference'])} references; expected {mode.references} for {mode.name}"
-        )
+    described = read_case(case)
+    if len(described.reference) < mode.references:
+        raise CesError(f"{case}: has {len(described.reference)} references; expected {mode.references} for {mode.name}")
     spec = _prepare_simulation(case, out, described, mode)
     simulation = open_simulation(spec)
-    real, held_out = (_read(simulation, case, described[role]) for role in ("real", "held_out"))
-    reference = _read(simulation, case, described["reference"][: mode.references])
+    real, held_out = (_read(simulation, case, names) for names in (described.real, described.held_out))
+    reference = _read(simulation, case, described.reference[: mode.references])
     require_distinct(real, held_out, reference)
     options = DiagnoseOptions(threads=1, experiment=False)
     diagnosis = diagnose(simulation, spec, real, held_out, reference, options)
@@ -90,15 +89,15 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     return f"{gap['verdict']}, {effects}; gap {before:.1f} N, left {after:.1f} N"
 
 
-def _prepare_simulation(case: Path, out: Path, described: Mapping[str, Any], mode: Mode) -> str:
+def _prepare_simulation(case: Path, out: Path, described: CaseDescription, mode: Mode) -> str:
     """Return the specification of the mode's simulation; an identified one is written to MODEL first."""
     if mode.simulation == PREDICTIONS:
-        return str(described["predictions"])
+        return described.predictions
     if mode.simulation == IDENTIFIED:
-        identify_baseline(_read_bags(case, described["reference"][: mode.references]), out / MODEL)
+        identify_baseline(_read_bags(case, described.reference[: mode.references]), out / MODEL)
         return str(out / MODEL)
-    inside = case / described["simulation"]
-    return str(inside) if inside.is_file() else str(described["simulation"])  # one of its own, such as module:function
+    inside = case / described.simulation
+    return str(inside) if inside.is_file() else described.simulation  # one of its own, such as module:function
 
 
 def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Recording]:

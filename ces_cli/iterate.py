@@ -129,10 +129,10 @@ class IterateProgress(LiveBar, IterateListener):
 def format_iteration(iteration: Iteration) -> str:
     """Return the line of an iteration."""
     fresh = "no model yet" if iteration.fresh_J is None else f"J {iteration.fresh_J:.2f} % on it before it was used"
-    least = max(iteration.regions, key=lambda region: float(region["unknown"]))
+    least = max(iteration.regions, key=lambda region: region.unknown)
     validation = "".join(f", {name} {cost:.2f} %" for name, cost in iteration.validation_J.items())
     return (
         f"{iteration.name}: {iteration.recorded_s:.1f} s recorded ({iteration.total_s:.1f} s in all); {fresh}, "
         f"{iteration.fit_J:.2f} % after the fit{validation}; {100 * iteration.coverage:.0f} % of the states covered; "
-        f"least known: {least['axis']} {least['low']:.3g} to {least['high']:.3g} {least['unit']}"
+        f"least known: {least.axis} {least.low:.3g} to {least.high:.3g} {least.unit}"
     )

@@ -30,7 +30,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "control nodes"
     ),
     "ces_data": (
-        "limits arrays compilation recording integration config_file log_formats units bags findings samples "
+        "limits arrays waveforms compilation recording integration config_file log_formats units bags findings samples "
         "signals_file logs checks mapping reading tables"
     ),
     "ces_report": ("typesetting table drawing shell figure plot"),
@@ -67,12 +67,12 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 140.2,
-    "ces_data": 88,
+    "ces_observer": 140.3,
+    "ces_data": 94,
     "ces_report": 12.7,
     "ces_identify": 169.6,
-    "ces_rig": 76.7,
-    "ces_gap": 128.5,
+    "ces_rig": 71.9,
+    "ces_gap": 127.9,
     "ces_cli": 70.4,
     "bench": 79.9,
     "test": 476.9,

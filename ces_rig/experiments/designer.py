@@ -17,6 +17,7 @@ from scipy.signal import savgol_filter
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
+from ces_data.waveforms.strokes import smooth_step
 from ces_identify.prepare.series import hold_current
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Model
@@ -24,7 +25,6 @@ from ces_rig.errors import RigError
 from ces_rig.experiments.commands import INTERVAL_S, HeatLimits, RigCommands, RigLimits
 from ces_rig.experiments.information import EVERY_S, Features, Information, scaled_state, series_of
 from ces_rig.experiments.random_motions import draw_current, draw_motion, peak_share
-from ces_rig.experiments.strokes import smooth_step
 
 BLEND_S = 0.4  # of the transition between two motions, and from and to rest
 BLEND = smooth_step((np.arange(round(BLEND_S / INTERVAL_S)) + 1) / (round(BLEND_S / INTERVAL_S) + 1))

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -215,11 +214,26 @@ PARTS = 6  # of each axis, with equally many targets
 HISTORY = {"change of speed": "speed against its last 20 ms", "change of current": "current against its last 20 ms"}
 
 
-def find_least_known(pool: Pool, unknown: F, variance: F) -> list[dict[str, Any]]:
-    """Return the least known range of each axis: `low` to `high` in `unit`, as in the line of an iteration.
+@dataclass(frozen=True)
+class LeastKnownRegion:
+    """The least known range of an axis, `low` to `high` in `unit`.
 
-    Its `unknown` is the share of the force relative to the mean of all targets. The given `unknown` (targets,) is the
-    relative variance that the design lowers, `variance` (targets,) that of the features.
+    `unknown` is the share of the force relative to the mean of all targets, `coverage` the share of covered states.
+    """
+
+    axis: str
+    unit: str
+    low: float
+    high: float
+    unknown: float
+    coverage: float
+
+
+def find_least_known(pool: Pool, unknown: F, variance: F) -> tuple[LeastKnownRegion, ...]:
+    """Return the least known range of each axis.
+
+    The given `unknown` (targets,) is the relative variance that the design lowers, `variance` (targets,) that of the
+    features.
     """
     axes = {
         "stroke": ("m", pool.stroke_m), "speed": ("m/s", pool.speed_m_s), "current": ("A", pool.current_A),
@@ -231,8 +245,8 @@ def find_least_known(pool: Pool, unknown: F, variance: F) -> list[dict[str, Any]
         part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, PARTS - 1)
         means = np.array([unknown[part == k].mean() if (part == k).any() else 0.0 for k in range(PARTS)])
         least = int(np.argmax(means))
-        region = {"axis": axis, "unit": unit, "low": float(edges[least]), "high": float(edges[least + 1])}
+        ends = float(edges[least]), float(edges[least + 1])
         relative = float(means[least] / max(float(unknown.mean()), 1e-300))
         known = float(np.mean(variance[part == least] <= KNOWN_VARIANCE))
-        regions.append({**region, "unknown": relative, "coverage": known})
-    return regions
+        regions.append(LeastKnownRegion(axis, unit, *ends, relative, known))
+    return tuple(regions)

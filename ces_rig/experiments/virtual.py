@@ -18,6 +18,8 @@ from scipy.signal import butter, sosfiltfilt
 from ces_data.arrays import F
 from ces_data.config_file import read_yaml_mapping
 from ces_data.recording import Recording
+from ces_data.waveforms.sequences import Current
+from ces_data.waveforms.strokes import Stroke
 from ces_observer.fields import Field
 from ces_observer.records import Record, part, quantity, read_record
 from ces_observer.shapes import Either
@@ -35,9 +37,7 @@ from ces_rig.dampers.stepper import (
 )
 from ces_rig.drive import FORCE, SERVO, STROKE, VALVE, ServoActuator
 from ces_rig.errors import RigError
-from ces_rig.experiments.currents import CURRENT, Reg1, SpeedForceLoop
-from ces_rig.experiments.sequences import Current
-from ces_rig.experiments.strokes import Stroke
+from ces_rig.experiments.reg1 import CURRENT, Reg1, SpeedForceLoop
 from ces_rig.sensors import GRID_S, Sensors, Truth, make_rng, measure_signals
 
 

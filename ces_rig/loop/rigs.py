@@ -22,6 +22,7 @@ from ces_data.logs.log_import import import_log
 from ces_data.logs.log_mapping import DynoMapping, load_dyno_mapping
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
+from ces_data.waveforms.strokes import smooth_step
 from ces_observer.errors import CesError
 from ces_observer.fields import Field
 from ces_observer.json_text import write_atomically
@@ -32,7 +33,6 @@ from ces_rig.dampers.model import DamperModel
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import NEED, RigCommands
-from ces_rig.experiments.strokes import smooth_step
 from ces_rig.experiments.virtual import load_description
 from ces_rig.loop.plan import Plan
 from ces_rig.sensors import GRID_S, Sensors, Truth, measure_signals
