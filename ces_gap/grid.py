@@ -46,8 +46,8 @@ def number_blocks(times: Sequence[F], block_s: float) -> list[I]:
 
 def count_through(parts: Sequence[I]) -> list[I]:
     """Return the numbers (n,) of each part, rising from 0, counted on from one part to the next."""
-    firsts = np.cumsum([0, *(part[-1] + 1 for part in parts[:-1])])
-    return [first + part for first, part in zip(firsts, parts, strict=True)]
+    starts = np.cumsum([0, *(part[-1] + 1 for part in parts[:-1])])
+    return [start + part for start, part in zip(starts, parts, strict=True)]
 
 
 def rms(values: F) -> float:
@@ -81,8 +81,8 @@ def bridge_gaps(seconds: F, values: F, grid: F) -> tuple[F, Mask]:
     if len(at) < 2:
         return np.zeros_like(grid), np.zeros(len(grid), bool)
     after = np.clip(np.searchsorted(at, grid), 1, len(at) - 1)
-    known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= ComparisonLimits.MAX_GAP_S)
-    return np.interp(grid, at, known_values), known
+    is_known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= ComparisonLimits.MAX_GAP_S)
+    return np.interp(grid, at, known_values), is_known
 
 
 def interpolate(seconds: F, values: F, grid: F) -> F:
@@ -97,8 +97,8 @@ def _known_samples(seconds: F, values: F) -> tuple[F, F]:
     seconds, values = seconds[good], values[good]
     if (np.diff(seconds) > 0.0).all():
         return seconds, values
-    at, first = np.unique(seconds, return_index=True)
-    return at, values[first]
+    at, index = np.unique(seconds, return_index=True)
+    return at, values[index]
 
 
 def find_low_pass_Hz(position: F, rate_Hz: float) -> float:

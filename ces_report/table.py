@@ -11,16 +11,18 @@ import io
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, dataclass
+from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
 from markupsafe import Markup
 
 from ces_observer.fields import Field
 from ces_observer.records import declare, record_fields
-from ces_report.typesetting import format_spread
+from ces_report.typesetting import Chart, Symbols, format_spread
 
 R = TypeVar("R")
 MAX_OPEN_ROWS = 20  # of a table that a page does not fold
+BAR = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,13 @@ class Table(Generic[R]):
         text = f"{summary}, {len(self.rows)} rows"
         return Markup('<details class="wide"><summary>{}</summary>{}</details>').format(text, table)
 
+    def to_markdown(self) -> str:
+        """Return the table as Markdown, figures to the right."""
+        rule = ["---:" if column.figure else "---" for column in self.columns]
+        lines = [[column.heading for column in self.columns], rule]
+        lines += [[column.line(row) for column in self.columns] for row in self.rows]
+        return "\n".join(f"|{'|'.join(line)}|" for line in lines)
+
     def __str__(self) -> str:
         """Return the table as plain text, as a terminal shows it."""
         shown = [column for column in self.columns if not column.page_only]
@@ -96,6 +105,35 @@ class Table(Generic[R]):
             width = max(map(len, texts))
             justified.append([text.rjust(width) if column.figure else text.ljust(width) for text in texts])
         return "\n".join("  ".join(line).rstrip() for line in zip(*justified, strict=True))
+
+
+def text_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", left: int = 1, css: str = ""
+) -> Table[Sequence[str]]:
+    """Return a table whose rows are a text for each head, figures after the first `left`; cells before have `css`."""
+    names = [Column[Sequence[str]](head, itemgetter(i), css=css) for i, head in enumerate(heads[:left])]
+    figures = [Column[Sequence[str]](head, itemgetter(i), figure=True) for i, head in enumerate(heads[left:], left)]
+    return Table([*names, *figures], list(rows), title)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a report: an equation, a table, symbols with meanings, a note, charts; `ident` is its HTML id."""
+
+    ident: str
+    title: str
+    table: Table[Any]
+    note: str = ""
+    equation: Markup = Markup("")
+    symbols: Symbols = ()
+    charts: tuple[Chart, ...] = ()
+
+
+def parameter_section(
+    about: str, heads: Sequence[str], rows: Iterable[Sequence[str]], symbols: Symbols = ()
+) -> Section:
+    """Return the section of a model's parameters: names, and columns of numbers, which `about` explains."""
+    return Section("parameters", "Parameters", text_table(heads, rows, css="formula"), about, symbols=symbols)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
-from ces_gap.inference.odds import VerdictFigures, gap_features, unknown_features
+from ces_gap.inference.judgement import VerdictFigures, gap_features, unknown_features
 from ces_gap.limits import SearchLimits
 from ces_observer.json_text import write_atomically
 from ces_rig.blind.cases import open_seal

@@ -24,10 +24,10 @@ from ces_data.bags.reader import read_recording
 from ces_data.findings import require_usable
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
+from ces_gap.api import result_files
 from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of
 from ces_gap.inputs.checks import is_seen
 from ces_gap.pipeline import diagnose
-from ces_gap.report.result_files import result_files
 from ces_identify.jobs import DONE, FAILED, Row, Task, open_results
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError

@@ -113,10 +113,10 @@ def identify_baseline(
 
     sizes = default_sizes()
     fitter: Fitter = BestStructure(sizes) if structure == AUTO else select_fitter(structure, sizes)
-    found = cross_fit(references, IdentifyOptions(limits=limits, band=False), listen, fitter)
+    fit = cross_fit(references, IdentifyOptions(limits=limits, band=False), listen, fitter)
     keys = [identify_recording(recording) for recording in references]
-    parts = tuple(BlindPart(keys[p.recording], p.start_s, p.stop_s, p.model) for p in found.parts)
-    return IdentifiedBaseline(found.result.model, parts)
+    parts = tuple(BlindPart(keys[p.recording], p.start_s, p.stop_s, p.model) for p in fit.parts)
+    return IdentifiedBaseline(fit.result.model, parts)
 
 
 def add_left_out_force(simulation: Simulation, trace: Trace) -> Trace:

@@ -161,12 +161,12 @@ def sample_inputs(trace: Trace, steps: int) -> tuple[F, F, F, float]:
     step_s = float(base[1] - base[0]) / steps
     time_s = np.arange((len(base) - 1) * steps + 1) * step_s
     motion, inside = CubicSpline(trace.time_s, trace.inputs.position), np.minimum(time_s, trace.time_s[-1])
-    first = int(trace.recording.channel("position").stamps_ns[0])
+    start_ns = int(trace.recording.channel("position").stamps_ns[0])
     current = hold_current(
-        trace.recording, first + np.round(base * 1e9).astype(np.int64), RecordingLimits.CURRENT_AGE_S
+        trace.recording, start_ns + np.round(base * 1e9).astype(np.int64), RecordingLimits.CURRENT_AGE_S
     )
-    known = np.isfinite(current)
-    current = np.interp(base, base[known], current[known]) if known.any() else np.zeros_like(base)
+    finite = np.isfinite(current)
+    current = np.interp(base, base[finite], current[finite]) if finite.any() else np.zeros_like(base)
     current = np.repeat(current, steps)[: len(time_s)]
     return motion(inside), motion(inside, 1), current, step_s
 

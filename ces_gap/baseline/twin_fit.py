@@ -110,8 +110,8 @@ def fit_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ign
     def listen(what: str) -> None:
         progress(f"fitting a twin of the simulation: {what}", 0.0)
 
-    def as_twin(found: tuple[PhysicalFit, float], column_s2: float = 0.0) -> Twin:
-        fit, step_s = found
+    def as_twin(network: tuple[PhysicalFit, float], column_s2: float = 0.0) -> Twin:
+        fit, step_s = network
         return Twin(fit.models.hold_pressures(fit.theta).body(fit.theta), step_s, fit.cost, column_s2)
 
     plain = fit_network(traces, STRENGTHS, threads, listen)
@@ -231,10 +231,10 @@ def build_training(traces: Sequence[Trace], count: int, max_ticks: int) -> tuple
         *rows, step_s = sample_inputs(trace, count)
         force = np.repeat(trace.simulated_at_base, count)[: len(rows[0])]
         ticks = np.arange(len(force))
-        known = np.interp(ticks * step_s, trace.time_s, trace.usable) > 0.99
+        usable_steps = np.interp(ticks * step_s, trace.time_s, trace.usable) > 0.99
         for window in _windows(len(force), max_ticks // len(traces), round(WINDOW_S / step_s / count) * count, count):
             at = ticks[window]
-            good = known[window] & (at % count == 0) & (at - at[0] >= START_UP_S / step_s)
+            good = usable_steps[window] & (at % count == 0) & (at - at[0] >= START_UP_S / step_s)
             inputs.append(np.stack([row[window] for row in rows]))
             measured.append(force[window])
             usable.append(good)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
+from ces_gap.baseline.wrappers import RememberedSimulation
 from ces_gap.calibrate.choice import ChosenExplanation, Hypothesis, choose
 from ces_gap.calibrate.fitting import (
     ParameterFit,
@@ -19,9 +20,7 @@ from ces_gap.calibrate.fitting import (
     smooth_traces,
     time_equal_calls,
 )
-from ces_gap.calibrate.free import FreeParameters, choose_free
-from ces_gap.calibrate.parameters import find_groups
-from ces_gap.calibrate.remembered import RememberedSimulation
+from ces_gap.calibrate.parameters import FreeParameters, choose_free, find_groups
 from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.library import library
 from ces_gap.errors import GapError
@@ -200,15 +199,15 @@ def free_parameters(
         return FreedParameters(simulation, notes=(*free.notes, note))
     progress(f"fitting the simulation's parameters{tell_time(runs, seconds)}", 0.0)
     remembered, traces = RememberedSimulation(simulation), traces if has_held_out else set_aside(traces)[0]
-    found = fit_parameters(remembered, free, traces, {}, twin)
+    fitted = fit_parameters(remembered, free, traces, {}, twin)
     tried = [
         e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > ParameterLimits.SLOW_S)
     ]
-    choice = choose(found, tried, progress)
-    best, *others = (_as_alternative(found, h) for h in (choice.best, *choice.alternatives))
+    choice = choose(fitted, tried, progress)
+    best, *others = (_as_alternative(fitted, h) for h in (choice.best, *choice.alternatives))
     changed = simulation.with_values({p.name: p.value for p in best.parameters})
-    whole = Hypothesis(found.determined, None, found.fit, 0.0)
-    hidden = [p for p in estimate(found, whole) if p.is_hidden] if choice.best.fit is None else []
+    every = Hypothesis(fitted.determined, None, fitted.fit, 0.0)
+    hidden = [p for p in estimate(fitted, every) if p.is_hidden] if choice.best.fit is None else []
     return FreedParameters(
         simulation=changed,
         freed=best.parameters,
@@ -264,10 +263,10 @@ def _assemble(
     return Calibration(spec, calibrated, parameters, *facts)
 
 
-def _as_alternative(found: ParameterFit, h: Hypothesis) -> Alternative:
+def _as_alternative(fitted: ParameterFit, h: Hypothesis) -> Alternative:
     settings = () if h.fit is None else h.fit.composition.settings
     effect = settings[-1] if settings and h.effect is not None else None
-    return Alternative(tuple(estimate(found, h)), effect, settings[0] if settings and h.places else None)
+    return Alternative(tuple(estimate(fitted, h)), effect, settings[0] if settings and h.places else None)
 
 
 def _list_whole(best: ParameterFit) -> list[FittedParameter]:
@@ -298,10 +297,12 @@ def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
     fitted = []
     for k, u, error in zip(h.places, h.fit.searched.tolist(), errors.tolist(), strict=False):
         p = found.effect.free[k]
-        (low, high), (first, last) = p.search_bounds(), sorted(map(p.to_value, (u - error, u + error)))
+        (low, high), (low_end, high_end) = p.search_bounds(), sorted(map(p.to_value, (u - error, u + error)))
         near, start = SearchLimits.NEAR_BOUND * (high - low), p.to_search(p.starts[0])
         stuck = (u - low < near or high - u < near) and abs(u - start) > near
-        fitted.append(FittedParameter(p.name, p.to_value(u), (first, last), p.starts[0], True, stuck, units[p.name]))
+        fitted.append(
+            FittedParameter(p.name, p.to_value(u), (low_end, high_end), p.starts[0], True, stuck, units[p.name])
+        )
     return fitted
 
 

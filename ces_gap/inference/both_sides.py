@@ -39,30 +39,30 @@ ABSENT = 5.0  # by which the logarithm of a number is lowered where there is not
 
 
 def explain_static_map(
-    evidence: Evidence, first: EffectFit, energy: float, effects: Sequence[Effect], threads: int, progress: Progress
+    evidence: Evidence, single: EffectFit, energy: float, effects: Sequence[Effect], threads: int, progress: Progress
 ) -> EffectFit | None:
-    """Return what a network of the recordings has and a static map lacks, where the `first` effect leaves much.
+    """Return what a network of the recordings has and a static map lacks, where the `single` effect leaves much.
 
     None for other simulations, and with references (no calibration among the `effects`): they have shown its error.
     """
-    much = first.cost - len(first.residual) > VerdictLimits.TENTH * energy
+    much = single.cost - len(single.residual) > VerdictLimits.TENTH * energy
     corrected = not any(e in CALIBRATION_FORMS for e in effects)
     if not much or corrected or evidence.plants[0].twin is None or not is_static(evidence.traces):
         return None
     progress("fitting a network to the real recordings", 0.0)
     names = {e.name for e in effects}
-    found = fit_both_sides(evidence, [part for part in PARTS if part.name in names], threads)
-    rest = np.inf if found is None else found.cost - len(found.residual)
-    return found if rest < VerdictLimits.TENTH * energy else None
+    network = fit_both_sides(evidence, [part for part in PARTS if part.name in names], threads)
+    rest = np.inf if network is None else network.cost - len(network.residual)
+    return network if rest < VerdictLimits.TENTH * energy else None
 
 
 def fit_both_sides(evidence: Evidence, kinds: Sequence[type[NetworkPart]], threads: int) -> EffectFit | None:
     """Return a recalibration of a static map, and what it lacks of some kinds of parts; None without a network."""
     real = [_with_force(t) for t in evidence.traces]
-    found = fit_network(real, (STRENGTH,), threads, lambda _: None)
-    if found is None:
+    network = fit_network(real, (STRENGTH,), threads, lambda _: None)
+    if network is None:
         return None
-    fit, step_s = found
+    fit, step_s = network
     alike = [t for t in real if t.rate_Hz == real[0].rate_Hz]
     training, _ = build_training(alike, max(count_steps(t) for t in alike), MAX_TICKS)
     error = usable_values(evidence.traces, [t.force - t.simulated for t in evidence.traces])

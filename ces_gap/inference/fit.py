@@ -202,9 +202,9 @@ def _choose_start(objective: _Objective, points: Sequence[F]) -> tuple[F, F]:
     to them: what it would leave then is predicted.
     """
     baseline = objective.baseline_residual
-    found = [(point, objective(point)) for point in points]
+    points_tried = [(point, objective(point)) for point in points]
     predicted: list[tuple[float, F]] = []
-    for point, residual in found if objective.magnitudes else ():
+    for point, residual in points_tried if objective.magnitudes else ():
         signature = baseline - residual
         size, along = float(signature @ signature), float(signature @ baseline)
         if size > 0.0 and along != size:
@@ -214,8 +214,8 @@ def _choose_start(objective: _Objective, points: Sequence[F]) -> tuple[F, F]:
             left = float(baseline @ baseline) - along**2 / size
             predicted.append((left, np.clip(scaled, *bounds(objective.effects, point))))
     promising = sorted(predicted, key=lambda pair: pair[0])[:MAX_SCALED_STARTS]
-    found += [(scaled, objective(scaled)) for _, scaled in promising]
-    return min(found, key=lambda pair: float(pair[1] @ pair[1]))
+    points_tried += [(scaled, objective(scaled)) for _, scaled in promising]
+    return min(points_tried, key=lambda pair: float(pair[1] @ pair[1]))
 
 
 def _fit_from(objective: _Objective, searched: F, residual: F) -> EffectFit:

@@ -34,22 +34,26 @@ class RareDeviation:
 
 
 def find_rare_deviation(
-    traces: Sequence[Trace], forces: Sequence[F], known: Sequence[F] = (), least_N: float = 0.0
+    traces: Sequence[Trace], forces: Sequence[F], on_references: Sequence[F] = (), least_N: float = 0.0
 ) -> RareDeviation | None:
     """Return the largest local deviation of the measured force from `forces` [N] (n,); None if none stands out.
 
     Windows of 10 to 300 ms are compared. The largest of each block of 0.5 s follow a Gumbel distribution (Coles 2001),
     which their lower quartile and their median determine, so that neither events nor the colour of the noise count.
-    What stands out exceeds its limit for this many blocks and windows, `least_N`, and the deviations `known` from
-    references (n,).
+    What stands out exceeds its limit for this many blocks and windows, `least_N`, and the deviations `on_references`
+    (n,).
     """
     errors = [np.where(t.usable, t.force - force, np.nan) for t, force in zip(traces, forces, strict=True)]
-    found = [_test(traces, errors, known, window_s, least_N) for window_s in RareLimits.WINDOWS_S]
-    return max((one for one in found if one is not None), key=lambda one: abs(one.mean_N) / one.limit_N, default=None)
+    deviations = [_test(traces, errors, on_references, window_s, least_N) for window_s in RareLimits.WINDOWS_S]
+    return max(
+        (deviation for deviation in deviations if deviation is not None),
+        key=lambda deviation: abs(deviation.mean_N) / deviation.limit_N,
+        default=None,
+    )
 
 
 def _test(
-    traces: Sequence[Trace], errors: Sequence[F], known: Sequence[F], window_s: float, least_N: float
+    traces: Sequence[Trace], errors: Sequence[F], on_references: Sequence[F], window_s: float, least_N: float
 ) -> RareDeviation | None:
     """Return the largest mean over windows of one length, None if it does not stand out."""
     lengths = [max(round(window_s * t.rate_Hz), 1) for t in traces]
@@ -65,7 +69,7 @@ def _test(
     scale = (middle - low) / (MEDIAN - QUARTILE)
     trials = len(seen) * len(RareLimits.WINDOWS_S)
     limit_N = float(middle + scale * (math.log(trials / RareLimits.FALSE_ALARMS) - MEDIAN))
-    limit_N = max([limit_N, least_N, *(EvidenceLimits.UNSEEN * _largest(error, lengths[0]) for error in known)])
+    limit_N = max([limit_N, least_N, *(EvidenceLimits.UNSEEN * _largest(error, lengths[0]) for error in on_references)])
     number = int(np.argmax([np.nan_to_num(np.abs(mean)).max(initial=0.0) for mean in means]))
     trace, mean = traces[number], means[number]
     at = int(np.argmax(np.nan_to_num(np.abs(mean))))

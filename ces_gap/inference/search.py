@@ -164,7 +164,7 @@ def loses_to_nested_form(evidence: Evidence, fit: EffectFit, other: EffectFit, e
     plausible, or if it leaves less by more than twice the error. Otherwise both are possible.
     """
     pairs = ((fit, other), (other, fit))
-    mine, theirs = ([e for e in one.effects if e.name not in rest.names] for one, rest in pairs)
+    mine, theirs = ([e for e in some.effects if e.name not in others.names] for some, others in pairs)
     if len(mine) != 1 or len(theirs) != 1:
         return False
     gain = compute_paired_gain(evidence, fit.left_out, other.left_out)
@@ -204,10 +204,10 @@ def rank_additions(fit: EffectFit, forms: Sequence[EffectFit], baseline_residual
     the tangents and the fitted signature explains; the signature helps where an effect is on its bound.
     """
     others = [f for f in forms if f.names[0] not in fit.names]
-    first: dict[str, EffectFit] = {}
+    best_form: dict[str, EffectFit] = {}
     for other in sorted(others, key=lambda form: -_linear_gain(fit, form, baseline_residual)):
-        first.setdefault(other.names[0], other)
-    return list(first.values())
+        best_form.setdefault(other.names[0], other)
+    return list(best_form.values())
 
 
 def _linear_gain(fit: EffectFit, other: EffectFit, baseline_residual: F) -> float:

@@ -35,10 +35,10 @@ from ces_gap.inference.judgement import (
     ClosedShare,
     GapSize,
     Judgement,
+    Probabilities,
     VerdictEvidence,
     probability_below,
 )
-from ces_gap.inference.odds import Probabilities
 from ces_gap.limits import SearchLimits, VerdictLimits
 
 
@@ -78,17 +78,17 @@ def _weigh_held_out(e: VerdictEvidence, odds: Probabilities) -> Probabilities:
     """
     own = e.may_be_own_error  # a map of it is no cause
     alone = [c for name, c in e.closed_alone.items() if not (own and name == CALIBRATION)]
-    found = [c for c in (e.closed, *alone) if not (math.isnan(c.value) or (own and e.search.is_map))]
-    best = max((c.value for c in found), default=-math.inf)
+    closed = [c for c in (e.closed, *alone) if not (math.isnan(c.value) or (own and e.search.is_map))]
+    best = max((c.value for c in closed), default=-math.inf)
     if not e.composition:  # no effect gains more than its error: none is more probable than an unknown cause
         return odds.with_unknown(odds.unknown + VerdictLimits.HALF * odds.known)
-    if e.search.is_map and found:
+    if e.search.is_map and closed:
         share = min(e.closed.value, 1.0 - e.search.figures.unexplained)
         support = ClosedShare(share, e.closed.low, e.closed.high).probability_above(1.0 - VerdictLimits.MAX_MAP_REST)
     else:
         required = VerdictLimits.HALF * min(max(best, 0.0 if math.isnan(e.learnt) else e.learnt), 1.0)
         required = 1.0 - VerdictLimits.TENTH if own else required
-        support = max((c.probability_above(max(required, VerdictLimits.TENTH)) for c in found), default=0.0)
+        support = max((c.probability_above(max(required, VerdictLimits.TENTH)) for c in closed), default=0.0)
     rest = min(1.0, max(1.0 - best, 0.0) / VerdictLimits.TENTH)
     return odds.with_unknown(rest * (odds.unknown + (1.0 - support) * odds.known))
 
@@ -167,8 +167,8 @@ def _find_alternatives(e: VerdictEvidence, odds: Probabilities, ties: tuple[tupl
     imitated = [name for name in mapped & {*e.closed_alone} if e.closed_alone[name].value >= half]
     possible = [(e.composition[0], name) for name, p in odds.effects.items() if p >= VerdictLimits.TENTH]
     alike = [name for group in (*ties, *confirm_ties(e, possible)) for name in group]
-    found = dict.fromkeys((*alike, *better, *sorted(imitated)))
-    return tuple(name for name in found if name not in (*e.composition, CALIBRATION))
+    names_found = dict.fromkeys((*alike, *better, *sorted(imitated)))
+    return tuple(name for name in names_found if name not in (*e.composition, CALIBRATION))
 
 
 def _find_doubts(

@@ -76,8 +76,8 @@ def check_recordings(
         if "force" not in recording.channels:
             raise GapError(f"{recording.name}: no measured force; a diagnosis needs one: map it in the signals file")
     require_consistent(everything)
-    found = [f for f in check_each(everything) if not (isinstance(f, SaturationFinding) and f.signal == "force")]
-    notes = [finding.text for finding in found]
+    findings = [f for f in check_each(everything) if not (isinstance(f, SaturationFinding) and f.signal == "force")]
+    notes = [finding.text for finding in findings]
     for recording in everything:
         if limits := find_saturations(recording):
             text = f"{recording.name}: force: {SATURATES}: {describe_saturations(limits)}"
@@ -91,12 +91,12 @@ def check_recordings(
 def require_distinct(real: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording]) -> None:
     """Raise GapError for duplicate recordings: a model validated on its fitting data would seem perfect."""
     recordings = [*((REAL, r) for r in real), *((HELD_OUT, r) for r in held_out), *((REFERENCE, r) for r in reference)]
-    for (one, first), (other, second) in combinations(recordings, 2):
-        if shared := shared_content(first, second):
-            names = first.name if first.name == second.name else f"{first.name} and {second.name}"
-            if one == other:
-                raise GapError(f"{names}: {shared}, twice under ", one, "; pass each recording once")
-            raise GapError(f"{names}: {shared}, under ", one, " and ", other, f"; {WHY[other]}")
+    for (role, recording), (other_role, another) in combinations(recordings, 2):
+        if shared := shared_content(recording, another):
+            names = recording.name if recording.name == another.name else f"{recording.name} and {another.name}"
+            if role == other_role:
+                raise GapError(f"{names}: {shared}, twice under ", role, "; pass each recording once")
+            raise GapError(f"{names}: {shared}, under ", role, " and ", other_role, f"; {WHY[other_role]}")
 
 
 def exclude_saturated_ticks(trace: Trace) -> Trace:
@@ -108,8 +108,8 @@ def exclude_saturated_ticks(trace: Trace) -> Trace:
     flat = np.isin(force.values, [s.limit for s in limits])
     start = int(trace.recording.channel("position").stamps_ns[0])
     seconds = np.sort((force.stamps_ns[flat] - start) * 1e-9)
-    first = np.searchsorted(seconds, trace.time_s - AROUND_S)
-    near = first < np.searchsorted(seconds, trace.time_s + AROUND_S, side="right")
+    begin = np.searchsorted(seconds, trace.time_s - AROUND_S)
+    near = begin < np.searchsorted(seconds, trace.time_s + AROUND_S, side="right")
     return replace(trace, usable=trace.usable & ~near)
 
 
@@ -290,6 +290,6 @@ def find_invisible_effects(effects: Sequence[Effect], traces: Sequence[Trace]) -
     level = float(np.abs(usable_inputs(traces, "current")).mean())
     is_zero = level <= RecordingLimits.MIN_CURRENT_A
     visible = {e.name for e in effects if "current" not in e.needs or ("zero" in e.needs and not is_zero)}
-    first = {e.name: e for e in reversed(effects)}  # the first form of each
+    by_name = {e.name: e for e in reversed(effects)}  # the first form of each
     names = [name for name in dict.fromkeys(e.name for e in effects) if name not in visible]
-    return tuple((name, f"it needs {first[name].needs}; the current stays at {level:.3g} A") for name in names)
+    return tuple((name, f"it needs {by_name[name].needs}; the current stays at {level:.3g} A") for name in names)

@@ -102,8 +102,8 @@ def prepare_recordings(
             f"expected at least {RecordingLimits.MIN_FIT_S:g} s; pass longer or more real recordings"
         )
     progress("probing the simulation", 0.0)
-    found, simulation = correct_inputs(simulation, fitted, references)
-    if found.corrected:
+    probed, simulation = correct_inputs(simulation, fitted, references)
+    if probed.corrected:
         fitted, held, references = (
             [with_simulation(t, simulation.force(t.recording)) for t in traces] for traces in (fitted, held, references)
         )
@@ -119,8 +119,8 @@ def prepare_recordings(
     cheap = twin if is_slow and twin is not None else exact
     if cheap is None:
         raise GapError(f"{', '.join(t.name for t in fitted)}: hardly any motion; expected strokes of the damper")
-    is_corrected = bool(references or found.corrected or original is not simulation)
-    return DiagnosisInput(tuple(fitted), tuple(held), tuple(references), exact, cheap, twin, found, is_corrected)
+    is_corrected = bool(references or probed.corrected or original is not simulation)
+    return DiagnosisInput(tuple(fitted), tuple(held), tuple(references), exact, cheap, twin, probed, is_corrected)
 
 
 def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:

@@ -17,7 +17,6 @@ from ces_gap.diagnosis import (
     Interval,
     NextExperiment,
     Where,
-    describe_correction,
     find_best_other,
     find_closest,
 )
@@ -33,6 +32,7 @@ from ces_gap.report.charts import (
 )
 from ces_gap.report.formatting import effect_name, join_effect_names, percent, percents, region_name, sentence_case
 from ces_gap.report.gap_json import to_plain_json
+from ces_gap.report.sentences import describe_correction
 from ces_gap.report.tables import (
     calibration_table,
     cause_table,

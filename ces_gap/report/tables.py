@@ -34,7 +34,7 @@ from ces_gap.report.formatting import (
     region_name,
     sentence_case,
 )
-from ces_report.table import Column, Table
+from ces_report.table import BAR, Column, Table
 from ces_report.typesetting import format_number, format_range, minus, three_figures
 
 MAX_ROWS = 6  # effects with a row of their own
@@ -108,7 +108,6 @@ def _with_small(text: str, small: str) -> Markup:
     return Markup("{}<small>{}</small>").format(text, small)
 
 
-BAR = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
 CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     Column(
         "Cause",
@@ -225,7 +224,9 @@ def composition_table(d: Diagnosis) -> Table[Part] | None:
         return None
     gaps = c.without_N or (math.nan,) * len(c.effects)
     parts = zip(c.effects, c.forms, c.estimates, c.composition.settings, gaps, strict=True)
-    rows = [(effect_name(e), effect_name(f), describe_parameters(found, s), gap) for e, f, found, s, gap in parts]
+    rows = [
+        (effect_name(e), effect_name(f), describe_parameters(of_effect, s), gap) for e, f, of_effect, s, gap in parts
+    ]
     columns: tuple[Column[Part], ...] = (
         Column("", lambda part: part[0], html=lambda p: _with_small(p[0], p[1]), css="cause"),
         Column("", lambda part: ", ".join(map(str, part[2])), html=lambda part: parameter_list(part[2])),

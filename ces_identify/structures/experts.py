@@ -16,7 +16,6 @@ from math import log
 from typing import ClassVar
 
 import numpy as np
-from markupsafe import Markup
 
 from ces_data.arrays import F, I
 from ces_identify.limits import ChoiceLimits
@@ -50,7 +49,8 @@ from ces_observer.tick.experts import (
     EXPERTS_COUNT, EXPERTS_GAINS, EXPERTS_LAYER, EXPERTS_OUTPUTS, EXPERTS_SCALE, experts_force,
 )  # fmt: skip
 from ces_observer.tick.lagged import LAGGED_PHI
-from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
+from ces_report.table import Section, parameter_section
+from ces_report.typesetting import describe_signals, four_figures, signal_symbol
 
 EARLY_TICKS, LAST_TICKS = 8_000, 20_000  # that count before the last stage and in it, about
 FIRST_LIMIT, STAGES = 1.1, 8  # of the gains; steps down to the final one (Keio: 8.2 %, 11.1 % straight)
@@ -290,21 +290,21 @@ def _refit_mean(family: ExpertsFit, members: Sequence[F], make: Callable[[Sequen
     return make([refit_member(family, params, kept) for params in members])
 
 
-def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the experts: the gain of each input, and the time in which a past force fades."""
     about = (
         f"{len(body.experts)} experts, each a recursion of its own, blended by shares that depend on the inputs alone. "
         "Numbers: force [N] for a change of an input by one standard deviation, without the bend."
     )
-    heads = (Markup("Expert"), *(signal_symbol(r.signal, r.lag) for r in body.inputs), Markup("Fades in [ms]"))
+    heads = ("Expert", *(signal_symbol(r.signal, r.lag) for r in body.inputs), "Fades in [ms]")
     rows = []
     for number, expert in enumerate(body.experts, 1):
         slowest = max(expert.past, expert.past + expert.past_bend)
         fades = 1e3 / (-log(slowest) * model.sampling.rate_Hz) if 0.0 < slowest < 1.0 else 0.0
         forces = (four_figures(body.scale_N * weight) for weight in expert.linear[:-1])
-        rows.append((Markup("{}").format(number), *forces, four_figures(fades)))
+        rows.append((str(number), *forces, four_figures(fades)))
     symbols = describe_signals((r.signal for r in body.inputs), model.sampling.rate_Hz)
-    return parameter_table(about, heads, tuple(rows), symbols)
+    return parameter_section(about, heads, rows, symbols)
 
 
 def _check_count(text: str) -> object:

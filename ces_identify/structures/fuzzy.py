@@ -42,13 +42,12 @@ from ces_observer.tick.fuzzy import (
     FUZZY_PREMISES, FUZZY_RULES, FUZZY_SCALE, FUZZY_SHAPES, fuzzy_force,
 )  # fmt: skip
 from ces_observer.tick.lagged import LAGGED_PHI
+from ces_report.table import Section, parameter_section
 from ces_report.typesetting import (
     UNITS,
-    ModelTable,
     describe_signals,
     four_figures,
     minus,
-    parameter_table,
     signal_symbol,
 )
 
@@ -280,13 +279,13 @@ def read_grid(text: str) -> tuple[int, int]:
     return int(speeds), int(currents)
 
 
-def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the rules: where each applies, and the force for a change of each regressor."""
     about = (
         f"A neuro-fuzzy model of {len(fuzzy.rules)} rules, each an affine model near the values named. "
         "Numbers: force [N] for a change of a regressor by one standard deviation."
     )
-    heads = (Markup("Rule near"), Markup("Constant [N]"), *(signal_symbol(r.signal, r.lag) for r in fuzzy.regressors))
+    heads = ("Rule near", "Constant [N]", *(signal_symbol(r.signal, r.lag) for r in fuzzy.regressors))
     rows = []
     for rule in fuzzy.rules:
         near = [
@@ -298,7 +297,7 @@ def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], rol
         forces = (four_figures(fuzzy.scale_N * number) for number in (rule.constant, *rule.linear))
         rows.append((Markup(", ").join(near), *forces))
     symbols = describe_signals((r.signal for r in fuzzy.regressors), model.sampling.rate_Hz)
-    return parameter_table(about, heads, tuple(rows), symbols)
+    return parameter_section(about, heads, rows, symbols)
 
 
 RULES = Option(

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from markupsafe import Markup
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
@@ -31,7 +30,8 @@ from ces_observer.tick.lagged import LAGGED_PHI
 from ces_observer.tick.sigmoid import (
     SIGMOID_LAYER, SIGMOID_OUTPUTS, SIGMOID_SCALE, SIGMOID_UNITS, SIGMOID_WEIGHTS, sigmoid_force,
 )  # fmt: skip
-from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
+from ces_report.table import Section, parameter_section
+from ces_report.typesetting import describe_signals, four_figures, signal_symbol
 
 FIRST_GAIN = 0.9  # gain of the past forces in a start
 FIRST_SLOPE = 1.5  # standard deviation of a start's slopes, all inputs together
@@ -180,7 +180,7 @@ def read_lags(text: str) -> LagCounts | None:
     return lags
 
 
-def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the regressors, with the force for a change of each."""
     about = (
         f"A sigmoid network of {len(network.units)} units. Linear part and units: force for a change by one spread, "
@@ -196,7 +196,7 @@ def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries
         for r, slope, units_N in zip(network.regressors, network.linear, all_units_N, strict=True)
     ]
     symbols = describe_signals((r.signal for r in network.regressors), model.sampling.rate_Hz)
-    return parameter_table(about, tuple(map(Markup, heads)), tuple(rows), symbols)
+    return parameter_section(about, heads, rows, symbols)
 
 
 UNITS = Option("units", NetworkShape().units, "sigmoids of a sigmoid network, at most", 1, 60, metavar="N")

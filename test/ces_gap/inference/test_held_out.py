@@ -28,8 +28,7 @@ from ces_gap.inference.held_out import (
     gaps_without_each,
     has_undetermined_effect,
 )
-from ces_gap.inference.judgement import Judgement
-from ces_gap.inference.odds import Probabilities
+from ces_gap.inference.judgement import Judgement, Probabilities
 from ces_gap.limits import SearchLimits
 from ces_gap.trace import Trace, TraceInputs
 

@@ -26,10 +26,12 @@ from ces_gap.inference.judgement import (
     UNKNOWN,
     ClosedShare,
     GapSize,
+    OddsWeights,
+    Probabilities,
     SearchFindings,
     VerdictEvidence,
+    VerdictFigures,
 )
-from ces_gap.inference.odds import OddsWeights, Probabilities, VerdictFigures
 from ces_gap.inference.verdict import confirm_ties, judge, leaves_clearly_more
 from ces_gap.limits import VerdictLimits
 
