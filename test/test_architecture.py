@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 128.6,
     "ces_cli": 70.4,
     "bench": 72.1,
-    "test": 475.7,
+    "test": 475.8,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
