@@ -60,7 +60,7 @@ from ces_rig.blind.scoring import (
     score_cases,
 )
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE
-from ces_rig.dampers.lookup.parameters import learn_lookup
+from ces_rig.dampers.lookup.kernel import learn_lookup
 from ces_rig.dampers.model import DamperModel
 from ces_rig.dampers.stepper import KINDS as DAMPERS
 

@@ -155,7 +155,7 @@ def as_plain(value: object) -> Any:
     raise TypeError(f"{type(value).__name__} has no form in JSON")
 
 
-BUILDERS = "ces_cli.schemas"  # imports all packages
+BUILDERS = "ces_cli.schema"  # imports all packages
 VERSION = "version.txt"
 
 

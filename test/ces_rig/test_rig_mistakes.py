@@ -6,8 +6,7 @@ import pytest
 from ces_data.waveforms.strokes import make_stroke
 from ces_observer.errors import CesError
 from ces_rig.dampers.hydraulic.parameters import parse_damper
-from ces_rig.experiments.reg1 import make_current
-from ces_rig.experiments.virtual import DamperDescription, parse_experiment, run
+from ces_rig.experiments.virtual import DamperDescription, make_current, parse_experiment, run
 from ces_rig.live.rig import with_effects
 
 STROKE = {"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 4.0}

@@ -6,8 +6,7 @@ import pytest
 from ces_data.waveforms.sequences import read_stroke_file
 from ces_data.waveforms.strokes import make_stroke
 from ces_observer.errors import CesError
-from ces_rig.experiments.reg1 import make_current
-from ces_rig.experiments.virtual import load_experiment, simulate_truth
+from ces_rig.experiments.virtual import load_experiment, make_current, simulate_truth
 
 TIME = np.arange(0.0, 10.0, 1e-3)
 

@@ -7,7 +7,7 @@ import pytest
 
 from ces_data.recording import Channel
 from ces_data.waveforms.strokes import make_stroke
-from ces_rig.dampers.lookup.parameters import SPEEDS, TABLE, Lookup, learn_lookup
+from ces_rig.dampers.lookup.kernel import SPEEDS, TABLE, Lookup, learn_lookup
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S, Sensors, Truth, measure_signals

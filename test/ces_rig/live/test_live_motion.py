@@ -10,7 +10,7 @@ from scipy.signal import welch
 
 from ces_data.waveforms.strokes import QuarterVehicle
 from ces_rig import drive as qv
-from ces_rig.dampers.bouc_wen.parameters import BoucWen
+from ces_rig.dampers.bouc_wen.kernel import BoucWen
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.model import DamperModel
 from ces_rig.dampers.stepper import DamperStepper, Mover
