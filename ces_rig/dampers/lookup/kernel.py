@@ -89,7 +89,7 @@ class Lookup(LumpedDamper):
         return (*numbers, *table)
 
 
-STEP_S = 1e-3
+GRID_S = 1e-3  # [s] of a recording that a table is learned from
 SMOOTHING_HZ = 40.0
 LAGS_S = (1e-3, 2e-3, 4e-3, 7e-3, 12e-3, 20e-3)
 STIFFNESSES_N_m = (5e5, 1e6, 2e6, 4e6, 8e6, 2e7)
@@ -106,9 +106,9 @@ def learn_lookup(recording: Recording) -> Lookup:
     if high - low < MIN_CURRENTS_A:
         raise RigError(f"{recording.name}: currents from {low:.3g} to {high:.3g} A; expected several, to learn a map")
     largest = float(np.percentile(np.abs(speed), 99.5))
-    rate, best = np.gradient(force, STEP_S), (np.inf, 0.0, 0.0, np.zeros(0))
+    rate, best = np.gradient(force, GRID_S), (np.inf, 0.0, 0.0, np.zeros(0))
     for lag, stiffness in product(LAGS_S, STIFFNESSES_N_m):
-        kept = float(np.exp(-STEP_S / lag))
+        kept = float(np.exp(-GRID_S / lag))
         acting = lfilter([1.0 - kept], [1.0, -kept], current, zi=[kept * current[0]])[0]
         share = (acting - low) / (high - low) * (LEVELS - 1)
         table, left = _fit_table((speed - rate / stiffness) / largest, share, force)
@@ -130,10 +130,10 @@ def _read_signals(recording: Recording) -> tuple[F, F, F]:
     """Return speed [m/s], force [N] and current [A] (n,) on a uniform grid, the first two without fast parts."""
     channels = [recording.channel(name) for name in ("position", "force", "current")]
     start, end = (int(f(c.stamps_ns[i] for c in channels)) for f, i in ((max, 0), (min, -1)))
-    grid = np.arange(start, end, round(1e9 * STEP_S))
+    grid = np.arange(start, end, round(1e9 * GRID_S))
     position, force, current = (np.interp(grid, c.stamps_ns, c.values) for c in channels)
-    sos = butter(2, SMOOTHING_HZ, fs=1.0 / STEP_S, output="sos")
-    return np.gradient(sosfiltfilt(sos, position), STEP_S), sosfiltfilt(sos, force), current
+    sos = butter(2, SMOOTHING_HZ, fs=1.0 / GRID_S, output="sos")
+    return np.gradient(sosfiltfilt(sos, position), GRID_S), sosfiltfilt(sos, force), current
 
 
 def _fit_table(speed: F, level: F, force: F) -> tuple[F, float]:
