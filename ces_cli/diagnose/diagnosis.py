@@ -42,6 +42,7 @@ from ces_gap.calibrate.parameters import NONE
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, GapRegion, Interval, Where, find_best_other
 from ces_gap.effects.library import user_effect
 from ces_gap.inputs.checks import check_recordings
+from ces_gap.limits import RegionLimits
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
@@ -58,8 +59,6 @@ from ces_observer.structures import STRUCTURES
 
 COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan"}
 MAX_REGIONS = 3
-MAX_FALSE_DISCOVERY_RATE = 0.05  # of the regions that are printed
-MIN_ENERGY_RATIO, MIN_ENERGY_SHARE = 1.2, 0.05  # a printed region's energy: relative to its share of time, and in total
 OPTIONAL_FILES = (REPORT, "next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
 
 
@@ -277,8 +276,8 @@ def _where_lines(label: str, where: Where) -> list[str]:
     regions = [
         r
         for r in where.regions
-        if r.q_value <= MAX_FALSE_DISCOVERY_RATE
-        and r.share_of_energy > max(MIN_ENERGY_RATIO * r.share_of_samples, MIN_ENERGY_SHARE)
+        if r.q_value <= RegionLimits.SIGNIFICANT
+        and r.share_of_energy > max(RegionLimits.MIN_ENERGY_RATIO * r.share_of_samples, RegionLimits.MIN_ENERGY_SHARE)
     ]
     regions.sort(key=lambda r: r.share_of_samples - r.share_of_energy)
     by_axis = {r.axis: r for r in reversed(regions)}
