@@ -72,13 +72,7 @@ class Twin(TraceSimulator):
 
     def as_json(self) -> dict[str, Any]:
         """Return the twin as plain values."""
-        return {
-            "schema": SCHEMA,
-            "tick_s": self.tick_s,
-            "cost_J": self.cost_J,
-            "column_s2": self.column_s2,
-            **write_record(self.body),
-        }
+        return {"schema": SCHEMA, **write_record(self), "column_s2": self.column_s2}
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], where: str = "twin") -> Twin:
