@@ -17,7 +17,7 @@ from ces_identify.prepare.sampling import SPEEDS
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO
 from ces_identify.structures.kit import IdentifyOptions
-from ces_observer.model import MAX_DELAY_S
+from ces_observer.limits import FileLimits
 from ces_observer.options import Option, in_group
 
 FROM_DATA = "from the data"
@@ -106,7 +106,7 @@ DELAY = Option(
     0.0,
     "how long after a sample its force is estimated, whole ticks up to 0.02 s: the speed is known better then",
     0.0,
-    MAX_DELAY_S,
+    FileLimits.MAX_DELAY_S,
     "s",
     metavar="S",
 )

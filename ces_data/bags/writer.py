@@ -30,7 +30,7 @@ from ces_data.bags.decode import HEADER, STAMP, Bytes, Index, NumberField, descr
 from ces_data.bags.storage import METADATA, WRITTEN_BY
 from ces_data.recording import Recording, Stamps, Values
 from ces_observer import __version__
-from ces_observer.cdr.types import JOINT_NAMES
+from ces_observer.cdr.layout import JOINT_NAMES
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import FieldPath, Signal, Signals
 

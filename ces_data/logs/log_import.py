@@ -12,11 +12,11 @@ from typing import TypeVar
 import numpy as np
 
 from ces_data.bags.reader import sort_late_samples
-from ces_data.integration import with_stroke
 from ces_data.limits import TableLimits
 from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog, open_log
 from ces_data.logs.log_mapping import ONE_TIME, DynoMapping, FileNameValue, FixedValue, LogColumn, MappingError
 from ces_data.recording import Channel, Recording, Stamps, Values
+from ces_data.samples import with_stroke
 from ces_data.units import QUANTITIES, find_unit, split_unit
 from ces_observer.errors import RecordingError
 from ces_observer.signals import MOTIONS, UNITS

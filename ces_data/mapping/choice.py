@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ces_data.limits import RatingLimits
-from ces_data.mapping.motion_table import MotionTable
 from ces_data.mapping.rating import (
     OUTWARD,
     USUAL,
     Candidate,
+    MotionTable,
     Rating,
     find_side,
     find_word,

@@ -23,7 +23,8 @@ from ces_identify.limits import SamplingLimits, TickLimits
 from ces_identify.prepare.series import Tracked, select_samples, track, usable_samples
 from ces_observer.bank_design import ACCELERATION, SPEED
 from ces_observer.errors import RecordingError
-from ces_observer.model import FREQUENCIES_HZ, MAX_DELAY_S, Sampling
+from ces_observer.limits import FileLimits
+from ces_observer.model import FREQUENCIES_HZ, Sampling
 
 SPEEDS = POSITION, MEASURED = ("position", "measured")  # what the speed of a model comes from
 
@@ -195,13 +196,13 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def require_delay(delay_s: float, rate_Hz: float) -> float:
-    """Return the delay; raises RecordingError unless it is a whole number of ticks up to MAX_DELAY_S."""
+    """Return the delay; raises RecordingError unless it is a whole number of ticks up to FileLimits.MAX_DELAY_S."""
     ticks = delay_s * rate_Hz
-    if not (0.0 <= delay_s <= MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
+    if not (0.0 <= delay_s <= FileLimits.MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
         near = round(ticks) if np.isfinite(ticks) else 1
         raise RecordingError(
             f"--delay {delay_s:g}: expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) "
-            f"from 0 to {MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, MAX_DELAY_S):g}"
+            f"from 0 to {FileLimits.MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, FileLimits.MAX_DELAY_S):g}"
         )
     return round(ticks) / rate_Hz
 

@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 from markupsafe import Markup
 
+from ces_observer.limits import FileLimits
 from ces_data.arrays import F, I
 from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.core import core_kernel
@@ -37,7 +38,7 @@ from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.proof.certificate import largest_gain
-from ces_observer.structures.experts import MAX_EXPERTS, Expert, Experts
+from ces_observer.structures.experts import Expert, Experts
 from ces_observer.structures.lagged_signals import longest_lags
 from ces_observer.structures.mixture import Mixture, WeightedModel
 from ces_observer.tick.experts import (
@@ -295,13 +296,13 @@ def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], 
 
 
 def _check_count(text: str) -> object:
-    if not text.isdecimal() or not 1 <= int(text) <= MAX_EXPERTS:
-        raise ValueError(f"{text!r} is not a whole number from 1 to {MAX_EXPERTS}")
+    if not text.isdecimal() or not 1 <= int(text) <= FileLimits.MAX_ITEMS:
+        raise ValueError(f"{text!r} is not a whole number from 1 to {FileLimits.MAX_ITEMS}")
     return text
 
 
 COUNT = Option(
-    "experts", "6", "number of gated experts", form=f"1 to {MAX_EXPERTS}", check_text=_check_count, metavar="N"
+    "experts", "6", "number of gated experts", form=f"1 to {FileLimits.MAX_ITEMS}", check_text=_check_count, metavar="N"
 )
 EXPERTS = StructureKit(
     about="gated experts that forget",

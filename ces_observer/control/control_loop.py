@@ -7,7 +7,7 @@ from copy import deepcopy
 from math import inf, isfinite, nan
 
 from ces_observer.control.force_controller import NO_ESTIMATE, NOT_FINITE, OK, STALE, ControllerCounts, ForceController
-from ces_observer.health.health import (
+from ces_observer.health.diagnostics import (
     ACTIVE,
     INACTIVE_TASK,
     LEVEL_ERROR,

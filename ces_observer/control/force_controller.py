@@ -10,8 +10,7 @@ from math import exp, isfinite, nan
 
 from ces_observer.control.inverse_map import InverseMap
 from ces_observer.errors import CesError
-
-MAX_POINTS = 1000
+from ces_observer.limits import ClockLimits, InverseLimits, NumberLimits
 
 
 class CurveError(CesError):
@@ -31,9 +30,10 @@ class ForceCurve:
 
     def __post_init__(self) -> None:
         speeds, forces = self.speeds_m_s, self.forces_N
-        if len(speeds) != len(forces) or not 2 <= len(speeds) <= MAX_POINTS:
+        if len(speeds) != len(forces) or not 2 <= len(speeds) <= InverseLimits.MAX_POINTS:
             raise CurveError(
-                f"curve: {len(speeds)} speeds and {len(forces)} forces; expected as many of each, 2 to {MAX_POINTS}"
+                f"curve: {len(speeds)} speeds and {len(forces)} forces; expected as many of each, 2 to "
+                f"{InverseLimits.MAX_POINTS}"
             )
         if not all(map(isfinite, (*speeds, *forces))):
             raise CurveError("curve: a speed or force is not finite; give finite numbers in m/s and N")
@@ -134,9 +134,6 @@ OK = "ok"
 NO_ESTIMATE = "no estimates arrive"
 STALE = "the estimate is stale"
 NOT_FINITE = "the estimate is not finite"
-JUMP_NS = 1_000_000_000  # a stamp this much before the last one shows that the clock was set back
-FASTEST_M_S = 1e6  # a larger speed is invalid; far from where sums overflow
-LARGEST_N = 1e9  # as of a model's force envelope
 
 
 @dataclass
@@ -197,15 +194,15 @@ class ForceController:
     def step(self, stamp_ns: int, speed_m_s: float, force_N: float) -> float:
         """Return the current [A] for an estimate of this stamp; a force that is not finite is not fed back.
 
-        A stamp that repeats, or runs back by less than JUMP_NS, changes nothing; after a gap longer than `max_gap_s`,
-        or a jump back, the controller restarts.
+        A stamp that repeats, or runs back by less than a jump of the clock, changes nothing; after a gap longer than
+        `max_gap_s`, or a jump, the controller restarts.
         """
-        elapsed_ns = -JUMP_NS if self._stamp_ns is None else stamp_ns - self._stamp_ns
-        if -JUMP_NS < elapsed_ns <= 0:
+        elapsed_ns = -ClockLimits.JUMP_NS if self._stamp_ns is None else stamp_ns - self._stamp_ns
+        if -ClockLimits.JUMP_NS < elapsed_ns <= 0:
             return self.command_A
         self._stamp_ns = stamp_ns
         elapsed_s = elapsed_ns * 1e-9 if elapsed_ns > 0 else 0.0
-        if not abs(speed_m_s) < FASTEST_M_S:
+        if not abs(speed_m_s) < NumberLimits.MAX_INPUT:
             return self.fail_safe(NOT_FINITE, min(elapsed_s, self.tuning.max_gap_s))
         if elapsed_s == 0.0 or elapsed_s > self.tuning.max_gap_s:
             self._interrupt()
@@ -257,7 +254,7 @@ class ForceController:
     def _learn(self, speed: float, force: float, elapsed_s: float) -> None:
         """Integrate the error once the force has built up, with anti-windup at the current limits."""
         self._stroke = speed * elapsed_s + (self._stroke if self._stroke * speed > 0.0 else 0.0)
-        if not abs(force) < LARGEST_N:
+        if not abs(force) < NumberLimits.MAX_NUMBER:
             self.count.unfed += 1
             return
         if abs(self._stroke) < self.tuning.settle_m or self._before is not None:

@@ -17,8 +17,8 @@ from rclpy.subscription import Subscription
 from rosidl_runtime_py.utilities import get_message
 
 from ces_observer.arrival_clock import ArrivalClock
+from ces_observer.cdr.layout import CdrUnsupportedError
 from ces_observer.cdr.signal import RawSignal, Reading
-from ces_observer.cdr.types import CdrUnsupportedError
 from ces_observer.errors import SignalsError
 from ces_observer.health.streams import Losses
 from ces_observer.nodes.executors import NodeClock

@@ -16,11 +16,10 @@ from typing import Any
 from rclpy.callback_groups import ReentrantCallbackGroup
 
 from ces_observer.errors import CesError
-from ces_observer.health.health import ACTIVE, INACTIVE, UNCONFIGURED
+from ces_observer.health.diagnostics import ACTIVE, INACTIVE, UNCONFIGURED
+from ces_observer.limits import NodeLimits
 from ces_observer.nodes.executors import START_ERRORS
 from ces_observer.nodes.parameters import TableNode
-
-RETRY_S = 5.0  # from a failure while active to the next start
 
 try:
     from lifecycle_msgs.msg import State
@@ -95,13 +94,13 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         self._fell = True
         self.trigger_deactivate()
         if self.starts_itself:
-            self._next_start_s = monotonic() + RETRY_S
+            self._next_start_s = monotonic() + NodeLimits.RETRY_S
 
     def start_again(self) -> None:
         """Start after a failure, if that is due."""
         if monotonic() < self._next_start_s:
             return
-        self._next_start_s = monotonic() + RETRY_S
+        self._next_start_s = monotonic() + NodeLimits.RETRY_S
         try:
             self.start()
             self._next_start_s = inf

@@ -18,9 +18,9 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from ces_observer.cdr.joint_state import FIELDS, LITTLE_CDR, RawJointState
-from ces_observer.health.health import LEVEL_OK, LEVEL_WARN, Report, Status
-from ces_observer.health.log_lines import ReasonLog
+from ces_observer.cdr.signal import FIELDS, LITTLE_CDR, RawJointState
+from ces_observer.health.diagnostics import LEVEL_OK, LEVEL_WARN, Report, Status
+from ces_observer.health.episodes import ReasonLog
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers get the newest
 OUTPUT_DEPTH = 1000  # estimates of a burst after a stall that wait for a slow reader

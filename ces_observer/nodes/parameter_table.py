@@ -12,6 +12,7 @@ from typing import Any
 
 from ces_observer.control.control_loop import FEEDBACKS
 from ces_observer.errors import CesError
+from ces_observer.limits import HealthLimits, InverseLimits
 from ces_observer.options import Option
 from ces_observer.signals import FIELDS
 
@@ -58,7 +59,12 @@ def require_type(name: str, wanted: str, kind: str) -> None:
 def signal_options(signal: str, defaults: Mapping[str, Any]) -> tuple[Option, ...]:
     """Return the parameters SIGNAL.KEY of a signal; those without a default are not set."""
     keys = [key for key in FIELDS if key != "constant" or signal == "current"]
-    named = [replace(FIELDS[key], name=f"{signal}.{key}", default=defaults.get(key)) for key in keys]
+    named = [
+        replace(
+            FIELDS[key], name=f"{signal}.{key}", key="", kind=FIELDS[key].kind, make=None, default=defaults.get(key)
+        )
+        for key in keys
+    ]
     return tuple(Option(**vars(one) | {"meaning": f"{signal}: {one.meaning}"}) for one in named)
 
 
@@ -99,7 +105,7 @@ OF_A_DAMPER = (
     tunable("wait_for_current_s", 0.0,
             "longest time for which a position waits until a current stamped no earlier is known [s]; 0: no waiting",
             0.0, 10.0),
-    tunable("still_warn_s", 1.0,
+    tunable("still_warn_s", HealthLimits.STILL_S,
             "time without any change of position after which a warning is given: vehicle at rest, or stuck sensor [s]; "
             "0: never", 0.0, HOUR_S),
     Option("compare_force", True, "compare the estimate with the measured force on force.topic, if there is one"),
@@ -111,7 +117,6 @@ OF_A_DAMPER = (
 # Never common to several dampers: their estimates would look like one.
 NAME = Option("name", "", "joint name in the estimate; empty: the one in position.field, else the damper's")
 
-MAX_CURRENT_A = 100.0
 FROM_THE_MODEL = -1.0
 SPEEDS, FORCES = "curve.speeds_m_s", "curve.forces_N"
 CURVE = (
@@ -137,9 +142,10 @@ LOOP = (
             0.0, HOUR_S),
 )
 TUNING = (
-    tunable("low_A", 0.29, "lowest current to command [A]", 0.0, MAX_CURRENT_A),
-    tunable("high_A", 0.70, "highest current to command [A]", 0.0, MAX_CURRENT_A),
-    tunable("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0, MAX_CURRENT_A),
+    tunable("low_A", 0.29, "lowest current to command [A]", 0.0, InverseLimits.MAX_CURRENT_A),
+    tunable("high_A", 0.70, "highest current to command [A]", 0.0, InverseLimits.MAX_CURRENT_A),
+    tunable("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0,
+            InverseLimits.MAX_CURRENT_A),
     tunable("rate_A_s", 100.0, "fastest change of the command [A/s]", 0.01, 1e6),
     tunable("timeout_s", 0.05, "time without estimates after which the safe current is commanded [s]", 0.005, 10.0),
     tunable("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", 0.0, 100.0),

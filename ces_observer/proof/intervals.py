@@ -13,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from math import inf, nextafter, prod
 from typing import Any, Protocol
 
+from ces_observer.limits import ProofLimits
+
 Interval = tuple[float, float]
 
 
@@ -208,8 +210,6 @@ def _total(groups: Sequence[Interval]) -> float:
     return total
 
 
-MAX_BOXES = 40_000
-MAX_WORK = 4_000_000  # interval products: a few seconds at most, for any file
 GAIN_GAP = 0.002  # relative distance of bound and actual value at which halving stops
 
 
@@ -218,18 +218,18 @@ def bound_maximum(
     ranges: Mapping[str, Interval],
     enough: float = 0.0,
     gap: float = GAIN_GAP,
-    max_boxes: int = MAX_BOXES,
+    max_boxes: int = ProofLimits.MAX_BOXES,
 ) -> tuple[float, int]:
     """Return an upper bound on the maximum over the `ranges` of the sum over groups of |sum of the group's terms|.
 
     Past forces in the terms are left out. The second number is the count of boxes. The search ends early at a bound of
-    at most `enough`, at an actual value above `enough` unless that is zero, and at MAX_WORK.
+    at most `enough`, at an actual value above `enough` unless that is zero, and at ProofLimits.MAX_WORK.
     """
     sums = Sums(groups)
     root, kinks = sums.root(ranges), sums.kinks()
     heap = [(-sums.bound(root), 0, root)]
     reached = sums.value(root)
-    count, max_boxes = 1, min(max_boxes, MAX_WORK // max(sums.work, 1))
+    count, max_boxes = 1, min(max_boxes, ProofLimits.MAX_WORK // max(sums.work, 1))
     while True:
         bound, _, box = heap[0]
         decided = -bound <= enough or (enough and reached > enough)

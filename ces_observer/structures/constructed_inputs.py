@@ -18,6 +18,7 @@ from typing import Any, Self
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED, Field
 from ces_observer.flat import Layout
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.intervals import Interval, down, up
 from ces_observer.records import bounded, choice, declare, in_files, part
 from ces_observer.structures.structure import Range, Ranges
@@ -26,10 +27,7 @@ from ces_observer.tick import constructed as tick
 BASE = ("position", "speed", "current")
 RESERVED = (*BASE, "force", "products", "constructed")
 NAME = re.compile(r"(?!.*_(abs|p\d|lag\d))[a-z][a-z0-9_]{0,39}")
-MAX_CONSTRUCTED = 64
-MIN_WIDTH, MAX_WIDTH = 1e-9, 1e6  # [m, m/s, A]; so that no slope overflows
-HZ = (1e-3, 1e5)
-PEAKS = (-1e6, 1e6)  # [m, m/s, A, Hz]
+PEAKS = (-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)  # [m, m/s, A, Hz]
 
 
 def require_name(name: str) -> None:
@@ -74,7 +72,7 @@ class Hysteresis(_Definition):
     name: str = _name()
     kind: str = choice(REQUIRED, "", ("stop", "play"))
     of: str = choice(REQUIRED, "", BASE)
-    half_width: float = bounded(MIN_WIDTH, MAX_WIDTH)
+    half_width: float = bounded(NumberLimits.MIN_WIDTH, NumberLimits.MAX_INPUT)
 
     def range(self, ranges: Ranges) -> Range:
         """Return its range, given those of the inputs."""
@@ -115,8 +113,8 @@ class Frequency(_Definition):
     name: str = _name()
     kind: str = field(default="frequency", init=False, metadata=in_files(Field(choices=("frequency",))))
     time_constant_s: float = _seconds()
-    range_Hz: Range = bounded(*HZ, unit="Hz")
-    floor_m: float = bounded(MIN_WIDTH, MAX_WIDTH, unit="m")
+    range_Hz: Range = bounded(*FileLimits.CONSTRUCTED_HZ, unit="Hz")
+    floor_m: float = bounded(NumberLimits.MIN_WIDTH, NumberLimits.MAX_INPUT, unit="m")
 
     def checked(self) -> Self:
         """Return it; raises ModelError for an empty range."""
@@ -158,8 +156,8 @@ class TriangularMembership(_Definition):
     def checked(self) -> Self:
         """Return it; raises ModelError unless it rises or falls, or both."""
         low, peak, high = self.low, self.peak, self.high
-        falls = low is None or low <= peak - MIN_WIDTH
-        if not (falls and (high is None or high >= peak + MIN_WIDTH)) or low is high is None:
+        falls = low is None or low <= peak - NumberLimits.MIN_WIDTH
+        if not (falls and (high is None or high >= peak + NumberLimits.MIN_WIDTH)) or low is high is None:
             raise ModelError(f"low {low}, peak {peak:g}, high {high}; expected low < peak < high, one not null")
         return self
 

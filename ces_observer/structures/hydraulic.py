@@ -27,10 +27,11 @@ from typing import Self
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
 from ces_observer.flat import Layout
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.certificate import ENERGY_CLAIM, EnergyCertificate
 from ces_observer.records import bounded, choice, part
 from ces_observer.structures import physical
-from ces_observer.structures.curves import MAX_VALUE, Bypass, FlowMap
+from ces_observer.structures.curves import Bypass, FlowMap
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.tick import edges, mount, pressures
 from ces_observer.tick import hydraulic as tick
@@ -82,15 +83,15 @@ class Hydraulic(Structure):
     mount_m_N: float = bounded(0.0, 1.0)
     creep_m_Ns: float = bounded(0.0, 1.0)
     fade_1_W: float = bounded(-1.0, 1.0)
-    reservoir_N: float = bounded(1e-3, MAX_VALUE)
+    reservoir_N: float = bounded(1e-3, NumberLimits.MAX_NUMBER)
     air: float = bounded(0.0, 1e6)
-    most_N: float = bounded(1.0, MAX_VALUE)
-    bypass_laminar_N: float = bounded(1e-6, MAX_VALUE)
-    laminar_N: float = bounded(1e-6, MAX_VALUE)
+    most_N: float = bounded(1.0, NumberLimits.MAX_NUMBER)
+    bypass_laminar_N: float = bounded(1e-6, NumberLimits.MAX_NUMBER)
+    laminar_N: float = bounded(1e-6, NumberLimits.MAX_NUMBER)
     piston_s: float = bounded(0.0, 1.0)
     base_s: float = bounded(0.0, 1.0)
     external_s: float = bounded(0.0, 1.0)
-    friction_growth_1_N: float = bounded(0.0, MAX_VALUE)
+    friction_growth_1_N: float = bounded(0.0, NumberLimits.MAX_NUMBER)
     relax_s: float = bounded(1e-3, NEVER_S, remedy=FORGETS)
     leak_s: float = bounded(1e-3, NEVER_S, remedy=FORGETS)
     piston: FlowMap = part()
@@ -98,7 +99,7 @@ class Hydraulic(Structure):
     external: FlowMap = part()
     bypass: Bypass | None = part(null={})
     side: physical.SideForces = part()
-    reach: float = bounded(1.0, physical.MAX_REACH)
+    reach: float = bounded(1.0, FileLimits.MAX_REACH)
 
     def checked(self) -> Self:
         """Return it; raises ModelError unless all edges have the same flows."""

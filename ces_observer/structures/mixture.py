@@ -14,16 +14,16 @@ from typing import Self
 from ces_observer import structures
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
+from ces_observer.limits import NumberLimits
 from ces_observer.proof.certificate import Certificate
 from ces_observer.proof.intervals import up
 from ces_observer.records import OneOf, bounded, items, part
-from ces_observer.structures.structure import MAX_FORCE_N, OperatingRange, Range, Ranges, Structure
+from ces_observer.structures.structure import OperatingRange, Range, Ranges, Structure
 from ces_observer.tick import mixture as tick
 from ces_observer.tick.model import K_STRUCTURE, P_STRUCTURE, S_STRUCTURE
 from ces_observer.tick.structure import MIXTURE
 
 MIN_MEMBERS = 2
-MIN_WEIGHT = 1e-6
 ROUNDING = 1e-9  # of the sum of the weights
 CLAIM = "a convex combination of models, each proved stable; |F| <= force_bound_N, the weighted sum of their bounds"
 METHOD = "weights above 0 that sum to 1; for the members"
@@ -37,9 +37,9 @@ def _members() -> dict[str, type[Structure]]:
 class WeightedModel:
     """A model in the mean: its weight, its structure, and the range [N] in which its own force is held."""
 
-    weight: float = bounded(MIN_WEIGHT, 1.0)
+    weight: float = bounded(NumberLimits.MIN_WEIGHT, 1.0)
     body: Structure = part(kind=OneOf(_members, "structure"), inline=True)
-    force_envelope_N: Range = bounded(-MAX_FORCE_N, MAX_FORCE_N)
+    force_envelope_N: Range = bounded(-NumberLimits.MAX_NUMBER, NumberLimits.MAX_NUMBER)
 
     def within(self, whole: OperatingRange) -> OperatingRange:
         """Return the operating range of the member in a mixture with that of the whole."""

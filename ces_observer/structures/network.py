@@ -14,6 +14,7 @@ from math import exp
 from typing import Self
 
 from ces_observer.flat import Layout
+from ces_observer.limits import FileLimits
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import Interval, add, largest, product, up
 from ces_observer.records import items
@@ -24,7 +25,6 @@ from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.model import S_STRUCTURE
 from ces_observer.tick.structure import SIGMOID
 
-MAX_UNITS = 200
 CLAIM = (
     "sum_j |dF/dF(k-j)| <= gain < 1 for any past and inputs; "
     "|F| <= drive_N for a past of zeros and every input in the input envelope"
@@ -50,11 +50,11 @@ class Network(Structure):
     name, section, option, rank = "sigmoid_narx", "network", "sigmoid", 1
     number, runs = SIGMOID, (lagged_reset, tick.sigmoid_tick)
 
-    regressors: tuple[lagged.Regressor, ...] = items(1, lagged.MAX_REGRESSORS)
+    regressors: tuple[lagged.Regressor, ...] = items(1, FileLimits.MAX_ITEMS)
     scale_N: float = lagged.spread("N")
     constant: float = lagged.weight()
     linear: tuple[float, ...] = lagged.weight()
-    units: tuple[SigmoidUnit, ...] = items(0, MAX_UNITS)
+    units: tuple[SigmoidUnit, ...] = items(0, FileLimits.MAX_RULES)
 
     @property
     def size(self) -> str:

@@ -19,26 +19,13 @@ from typing import Self
 from ces_observer.errors import ModelError
 from ces_observer.fields import Field
 from ces_observer.flat import Layout
+from ces_observer.limits import FileLimits
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import bound_maximum, down
 from ces_observer.records import OneOf, in_files, items
-from ces_observer.structures.constructed_inputs import (
-    BASE,
-    KINDS,
-    MAX_CONSTRUCTED,
-    ConstructedInput,
-    lay_out_constructed,
-    with_bases,
-)
+from ces_observer.structures.constructed_inputs import BASE, KINDS, ConstructedInput, lay_out_constructed, with_bases
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
-from ces_observer.structures.terms import (
-    MAX_TERMS,
-    Factor,
-    Term,
-    check_products,
-    collect_constructed,
-    define_factors,
-)
+from ces_observer.structures.terms import Factor, Term, check_products, collect_constructed, define_factors
 from ces_observer.tick import polynomial as tick
 from ces_observer.tick.structure import POLYNOMIAL
 
@@ -54,7 +41,7 @@ DEFINITIONS = Field(
     kind=OneOf(KINDS),
     many=True,
     min_count=1,
-    max_count=MAX_CONSTRUCTED,
+    max_count=FileLimits.MAX_ITEMS,
 )
 
 
@@ -68,7 +55,7 @@ class Polynomial(Structure):
     definitions: tuple[ConstructedInput, ...] = field(
         default=(), kw_only=True, repr=False, metadata=in_files(DEFINITIONS)
     )
-    terms: tuple[Term, ...] = items(1, MAX_TERMS)
+    terms: tuple[Term, ...] = items(1, FileLimits.MAX_TERMS)
 
     def checked(self) -> Self:
         """Return it with the definitions at the factors; raises ModelError."""

@@ -25,9 +25,10 @@ from typing import ClassVar, Self
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
 from ces_observer.flat import Layout
-from ces_observer.proof.certificate import FORGOTTEN, Certificate
+from ces_observer.limits import FileLimits, NumberLimits, ProofLimits
+from ces_observer.proof.certificate import Certificate
 from ces_observer.records import bounded, choice, items
-from ces_observer.structures.lagged_signals import MAX_NUMBER, spread, weight
+from ces_observer.structures.lagged_signals import spread, weight
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure, require_length
 from ces_observer.tick import recurrent as tick
 from ces_observer.tick.model import K_STRUCTURE
@@ -36,9 +37,6 @@ from ces_observer.tick.structure import RECURRENT
 SPEED, ROOT, SIZE, POSITION, CURRENT = "speed", "speed_root", "speed_size", "position", "current"
 MOTION = (SPEED, ROOT, SIZE, POSITION)
 PLACES = {name: tick.SIGNAL_SPEED + i for i, name in enumerate((*MOTION, CURRENT))}  # in s
-MAX_MEMBERS, MAX_WIDTH = 8, 64
-DECAY_S = (1e-4, 1.0)  # a filter's decay time
-MAX_FREQUENCY_HZ = 1e5
 STEP_S, MAX_STEPS = 0.02, 3000  # of the bounds on what differs
 WIDENED = 1.0 + 1e-9  # of bounds, more than rounding changes them
 CLAIM = (
@@ -81,13 +79,13 @@ def _speed_values(speed: float, smoothing_m_s: float) -> tuple[float, float, flo
 class Stage:
     """Filters and a layer of tanh; matrices are listed by rows, those of `drive` first real, then imaginary parts."""
 
-    decay_s: Row = bounded(*DECAY_S, unit="s", max_count=MAX_WIDTH)
-    frequency_Hz: Row = bounded(-MAX_FREQUENCY_HZ, MAX_FREQUENCY_HZ)
+    decay_s: Row = bounded(*FileLimits.FILTER_S, unit="s", max_count=FileLimits.MAX_ITEMS)
+    frequency_Hz: Row = bounded(-FileLimits.MAX_FILTER_HZ, FileLimits.MAX_FILTER_HZ)
     drive: Row = weight()
     hidden: Row = weight()
-    hidden_bias: Row = bounded(-MAX_NUMBER, MAX_NUMBER, max_count=MAX_WIDTH)
+    hidden_bias: Row = bounded(-NumberLimits.MAX_NUMBER, NumberLimits.MAX_NUMBER, max_count=FileLimits.MAX_ITEMS)
     out: Row = weight()
-    out_bias: Row = bounded(-MAX_NUMBER, MAX_NUMBER, max_count=MAX_WIDTH)
+    out_bias: Row = bounded(-NumberLimits.MAX_NUMBER, NumberLimits.MAX_NUMBER, max_count=FileLimits.MAX_ITEMS)
 
     @property
     def kept(self) -> Row:
@@ -294,7 +292,7 @@ class Recurrent(Structure):
     smoothing_m_s: float = spread("m/s")
     motion: tuple[ScaledInput, ...] = items(1, len(MOTION))
     current: tuple[ScaledInput, ...] = items(0, 1)
-    members: tuple[Member, ...] = items(1, MAX_MEMBERS)
+    members: tuple[Member, ...] = items(1, FileLimits.MAX_MEMBERS)
 
     def checked(self) -> Self:
         """Return it; raises ModelError unless inputs and stages fit together."""
@@ -359,5 +357,5 @@ class Recurrent(Structure):
         """Return after how long [s] two runs are proved to agree; infinite after MAX_STEPS."""
         low, high = within.force_N
         runs = zip(*(member.differences(motion, current, within.rate_Hz) for member in self.members), strict=True)
-        limit = FORGOTTEN * (high - low) / WIDENED * len(self.members) / self.scale_N
+        limit = ProofLimits.FORGOTTEN * (high - low) / WIDENED * len(self.members) / self.scale_N
         return next((k * STEP_S for k, apart in enumerate(islice(runs, MAX_STEPS)) if sum(apart) < limit), math.inf)

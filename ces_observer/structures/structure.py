@@ -19,8 +19,6 @@ from ces_observer.json_text import quote
 from ces_observer.proof.certificate import Certificate
 from ces_observer.tick import model
 
-MAX_LAG = 1000  # ticks, of any signal
-MAX_FORCE_N = 1e9
 INPUTS = ("position", "speed", "current")
 
 Range = tuple[float, float]

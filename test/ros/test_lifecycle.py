@@ -33,6 +33,7 @@ SAFE_A = 0.4
 FALLING = """
 import sys
 from ces_observer.damper_observer import DamperObserver
+from ces_observer.limits import NodeLimits
 from ces_observer.nodes import managed_node, observer
 real, real_fall, calls, falls = DamperObserver.step, managed_node.ManagedNode.fall, [], []
 def step(self, *sample):
@@ -44,7 +45,7 @@ def fall(self, why):
     falls.append(why)
     real_fall(self, why)
 DamperObserver.step, managed_node.ManagedNode.fall = step, fall
-observer.FALL_S, managed_node.RETRY_S = 0.3, 0.1
+NodeLimits.FALL_S, NodeLimits.RETRY_S = 0.3, 0.1
 sys.exit(observer.main())
 """
 WITHOUT = """

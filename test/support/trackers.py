@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
-from ces_observer.bank_design import ACCELERATION, BankSettings
+from ces_observer.bank_design import ACCELERATION, ORDER, BankSettings
 from ces_observer.core import bind, floats, ints
+from ces_observer.estimator import fill_bank, layout_of
 from ces_observer.flat import Layout
-from ces_observer.kalman import ORDER
 from ces_observer.model import Sampling
 from ces_observer.reasons import REASONS
-from ces_observer.sampling_layout import fill_bank, layout_of
 from ces_observer.tick import bank, tracker
 
 Tick = tuple[float, float]

@@ -14,7 +14,8 @@ from physical_models import LINEAR
 
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
-from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Health, NodeFacts, Status
+from ces_observer.health.diagnostics import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, NodeFacts, Status
+from ces_observer.health.health import Health
 from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
 from ces_observer.reasons import OK, OUT_OF_ORDER, OUTLIER, UNBOUNDED, WARMING_UP
