@@ -154,7 +154,6 @@ setup(
         "can": CAN,  # ces import FILE.blf with a DBC
         "parquet": PARQUET,  # ces import FILE.parquet, ces export-data --out FILE.parquet
         "formats": [*MDF, *MAT73, *CAN, *PARQUET],
-        "fuzz": ["atheris>=2.3"],  # coverage-guided fuzzing: bench/fuzz/coverage_fuzz.py
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "serve": ["flask>=3.0"],  # ces serve

@@ -1,9 +1,9 @@
 """Time per step of the exported C estimator, called in a C loop, and of the Python estimator on the same samples.
 
 Usage: python bench/bench_export.py. Needs a C compiler (`cc`, or what CC names). A step is the bank of the speed, the
-tracker and a tick of the model, and with a delay also the smoothing. Ticks alone are
-also timed on inputs that jump between the ends of their ranges: structures that solve an equation at each tick then
-need most steps.
+tracker and a tick of the model, and with a delay also the smoothing. Ticks alone, in C and at the desk, are also timed
+on inputs that jump between the ends of their ranges: structures that solve an equation at each tick then need most
+steps.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from bench_free_run import FITTED, PHYSICAL, ten_terms
 from measurement import median_seconds, processor
 from numpy.typing import NDArray
 
@@ -27,8 +26,11 @@ from ces_identify.export.export_model import export_c
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 N = 30_000
+FITTED = Path(__file__).resolve().parent / "fuzz" / "seeds" / "model"
+PHYSICAL = ("hydraulic", "hydraulic_bypass")
 TARGET_US = {"polynomial_narx": 0.2, "hydraulic": 0.28}  # of a step without a delay
 DELAY_S = 0.003
 LOOP = """
@@ -131,7 +133,32 @@ def print_ticks(model: Model, library: ctypes.CDLL) -> None:
     """Print the mean times of ticks alone."""
     for what, inputs in (("sines", make_inputs(0.0)), ("jumps", make_jumps(model.envelope))):
         ticks = bind_arrays(library.ticks, inputs.position, inputs.speed, inputs.current)
-        print(f"  tick alone, {what:<10} C {1e6 * median_seconds(ticks, 41) / N:7.4f} us")
+        desk = 1e6 * median_seconds(desk_ticks(model, inputs), 7) / N
+        print(f"  tick alone, {what:<10} C {1e6 * median_seconds(ticks, 41) / N:7.4f} us   desk {desk:6.2f} us")
+
+
+def desk_ticks(model: Model, inputs: StepInputs) -> Callable[[], None]:
+    """Return a run of the tick that the desk calls sample by sample."""
+    rows = list(zip(*(column.tolist() for column in (inputs.position, inputs.speed, inputs.current)), strict=True))
+    tick = model.make_predictor().tick
+
+    def run() -> None:
+        for row in rows:
+            tick(*row)
+
+    return run
+
+
+def ten_terms() -> tuple[Term, ...]:
+    """Return ten terms like those of a selection: past forces, non-integer powers, current, several lags."""
+    v = [
+        Factor("speed", lag, power, signed) for lag, power, signed in ((0, 0.5, True), (2, 1.0, True), (0, 0.5, False))
+    ]
+    i, i2 = Factor("current", 5, 1.0, False), Factor("current", 10, 2.0, False)
+    y1, y2 = Factor("force", 1), Factor("force", 2)
+    rows = [(1200.0, (v[0],)), (700.0, (v[1], i)), (100.0, (v[2], i2)), (30.0, (Factor("speed", 0, 1.5),)), (-5.0, ())]
+    rows += [(0.3, (y1,)), (0.1, (y1, v[2])), (0.05, (y2, i)), (0.02, (y2, v[1])), (-0.02, (y1, v[1], i))]
+    return tuple(Term(c, factors) for c, factors in rows)
 
 
 def make_models() -> dict[str, Model]:

@@ -2,7 +2,6 @@
 
     python bench/bench_speed.py delay      # the bank at stated delays, on the rig's four kinds of damper
     python bench/bench_speed.py peers      # beside other filters
-    python bench/bench_speed.py elsewhere  # with strokes, noise and rates that nothing was tuned to
 
 The damper's own equations run with the estimated speed; J compares their force with that of the true speed. The bank
 has only its rule, on the noise and sweep recordings and their jittered stamps. Each peer has the setting of the least
@@ -29,7 +28,6 @@ from ces_identify.prepare.series import prepare, select_samples
 from ces_observer.model import Sampling
 from ces_rig.dampers.stepper import HYDRAULIC, KINDS, simulate, spline_speed
 from ces_rig.errors import RigError
-from ces_rig.experiments.strokes import Sine, Sweep, road_stroke
 from ces_rig.experiments.virtual import Experiment, find_experiment, load_experiment, make_rng
 from ces_rig.sensors import EPOCH_NS, GRID_S, Sensors
 
@@ -39,28 +37,11 @@ SETTLED = (TIME_S > 1.0) & (TIME_S < 13.95)  # the last speeds are not known aft
 SENSORS = Sensors()
 DELAYS_MS = (0, 1, 3, 5)
 EARLIER = "Kalman, white jerk (0.1)"
+EARLIER_ORDER, EARLIER_HZ = 3, 119.11  # its bandwidth, by its rule on noise and sweep
+RATE_HZ = 1000.0  # of the positions
 FLOOR = 0.5  # [%] of J, in quadrature: what no load cell resolves
-OTHER_SINES = {"sine 1 Hz": (0.02, 1.0), "sine 7 Hz": (0.01, 7.0), "sine 20 Hz": (0.003, 20.0)}  # [m, Hz]
 Estimate = Callable[["Motion"], tuple[F, F]]  # -> times [s] and speeds [m/s]
 Make = Callable[[float], Estimate]  # from a setting
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """Rate [Hz] of the positions, their noise and resolution over the rig's; order and bandwidth [Hz] of EARLIER."""
-
-    rate_Hz: float = 1000.0
-    noise: float = 1.0
-    earlier: tuple[int, float] = (3, 119.11)  # by its rule on noise and sweep
-
-
-USUAL = Conditions()
-OTHER_CONDITIONS = {
-    "noise x 0.3": Conditions(noise=0.3, earlier=(3, 150.0)),
-    "noise x 3": Conditions(noise=3.0, earlier=(3, 89.28)),
-    "200 Hz": Conditions(200.0, earlier=(2, 66.67)),
-    "5 kHz": Conditions(5000.0, earlier=(3, 149.3)),
-}
 
 
 @dataclass(frozen=True)
@@ -69,7 +50,6 @@ class Motion:
 
     stroke_m: F
     current_A: F
-    conditions: Conditions
     seed: int
 
     @cached_property
@@ -78,8 +58,7 @@ class Motion:
 
     @cached_property
     def recording(self) -> Recording:
-        own, made = SENSORS.position, self.conditions
-        sensor = replace(own, noise=made.noise * own.noise, quantum=made.noise * own.quantum, rate_Hz=made.rate_Hz)
+        sensor = replace(SENSORS.position, rate_Hz=RATE_HZ)
         rng = make_rng(self.seed, "position")
         position = sensor.measure("position", "m", TIME_S, self.stroke_m, EPOCH_NS, rng)
         return Recording("motion", {"position": position}, {"current": 0.0})
@@ -96,30 +75,16 @@ class Motion:
         return {kind: self.force(kind) for kind in KINDS}
 
 
-def load_packaged(names: Iterable[str], conditions: Conditions = USUAL) -> list[Motion]:
+def load_packaged(names: Iterable[str]) -> list[Motion]:
     """Return the motions of packaged experiments."""
-    return [motion_of(load_experiment(find_experiment(name)), conditions) for name in names]
+    return [motion_of(load_experiment(find_experiment(name))) for name in names]
 
 
-def motion_of(experiment: Experiment, conditions: Conditions = USUAL, stroke_m: F | None = None) -> Motion:
-    """Return the motion of an experiment, or of another stroke with its current."""
+def motion_of(experiment: Experiment) -> Motion:
+    """Return the motion of an experiment."""
     seed = experiment.settings.seed
-    stroke = experiment.stroke.samples(TIME_S, make_rng(seed, "stroke")) if stroke_m is None else stroke_m
-    return Motion(stroke, experiment.current.samples(TIME_S, stroke, make_rng(seed, "current")), conditions, seed)
-
-
-def other_motions() -> dict[str, list[Motion]]:
-    """Return motions unlike those that anything was tuned on."""
-    rng, corners = make_rng(1, "stroke"), (0.1, 0.11, 0.13, 0.14, 0.35, 0.36, 0.38, 0.39)
-    jumps = np.cumsum(np.interp(TIME_S % 0.5, corners, (0, 1, 1, 0, 0, -1, -1, 0))) * 0.5 * GRID_S
-    strokes = {name: Sine(*numbers).samples(TIME_S, rng) for name, numbers in OTHER_SINES.items()}
-    strokes |= {
-        "sweep to 30 Hz": Sweep(to_Hz=30.0).samples(TIME_S, rng),
-        "road, class E": 2.0 * road_stroke("D", 5.0, TIME_S, rng),  # twice the heights of class D
-        "trapezoid": jumps - jumps.mean(),  # 15 mm in 40 ms
-    }
-    road = load_experiment(find_experiment("road"))
-    return {name: [motion_of(road, stroke_m=stroke)] for name, stroke in strokes.items()}
+    stroke = experiment.stroke.samples(TIME_S, make_rng(seed, "stroke"))
+    return Motion(stroke, experiment.current.samples(TIME_S, stroke, make_rng(seed, "current")), seed)
 
 
 def bank(sampling: Sampling, motion: Motion) -> tuple[F, F]:
@@ -131,12 +96,12 @@ def bank(sampling: Sampling, motion: Motion) -> tuple[F, F]:
 
 def peer(speeds: Filter, number: float, motion: Motion) -> tuple[F, F]:
     """Return the speed by a peer, at the true times of the samples."""
-    x, rate = motion.recording.channel("position").values, motion.conditions.rate_Hz
-    return SENSORS.position.phase_s + np.arange(len(x)) / rate, speeds(x, rate, number)
+    x = motion.recording.channel("position").values
+    return SENSORS.position.phase_s + np.arange(len(x)) / RATE_HZ, speeds(x, RATE_HZ, number)
 
 
 def earlier(motion: Motion) -> tuple[F, F]:
-    return peer(observer(motion.conditions.earlier[0]), motion.conditions.earlier[1], motion)
+    return peer(observer(EARLIER_ORDER), EARLIER_HZ, motion)
 
 
 def costs(motions: Iterable[Motion], estimate: Estimate, noise_N: float = 0.0) -> F:
@@ -160,19 +125,14 @@ def ratios(found: F, base: F, floor: float = FLOOR) -> str:
     return f"{np.median(shares):.2f}/{shares.max():.2f}"
 
 
-def banks(conditions: Conditions) -> dict[int, Estimate]:
-    """Return the bank by its rule with each delay [ms] that is whole ticks."""
-    sampling = choose_sampling([motion.recording for motion in load_packaged(TUNED, conditions)])
-    delays = [ms for ms in DELAYS_MS if (1e-3 * ms * sampling.rate_Hz).is_integer()]
-    return {ms: partial(bank, replace(sampling, delay_s=1e-3 * ms)) for ms in delays}
-
-
 def delay_table() -> list[list[str]]:
     """Return the range of the dampers' mean J, and J over that of EARLIER, without and with the load cell's noise."""
     motions, noise = load_packaged((*JUDGED, "noise")), SENSORS.force.noise
     base, noisy = costs(motions, earlier), costs(motions, earlier, noise)
+    sampling = choose_sampling([motion.recording for motion in load_packaged(TUNED)])
     rows = [["speed from", "J of the dampers %", "J over the first", f"with {noise:g} N of noise"]]
-    estimates = {f"bank, {ms} ms": estimate for ms, estimate in banks(USUAL).items()}
+    banks = {ms: partial(bank, replace(sampling, delay_s=1e-3 * ms)) for ms in DELAYS_MS}
+    estimates: dict[str, Estimate] = {f"bank, {ms} ms": estimate for ms, estimate in banks.items()}
     for name, estimate in ({EARLIER: earlier} | estimates | {"true speed": lambda m: (TIME_S, m.speed_m_s)}).items():
         clean = costs(motions, estimate)
         means, over = clean.mean(axis=0), ratios(costs(motions, estimate, noise), noisy, 0.0)
@@ -213,20 +173,7 @@ def tune(numbers: Sequence[float], unit: str, make: Make, tuning: Sequence[Motio
     return f"{best:.3g} {unit}", make(best)
 
 
-def elsewhere_table() -> list[list[str]]:
-    """Return J over that of EARLIER where nothing was tuned: median and worst of the dampers."""
-    usual = banks(USUAL)
-    cases = {name: (motions, usual) for name, motions in other_motions().items()}
-    cases |= {name: (load_packaged((*JUDGED, "noise"), how), banks(how)) for name, how in OTHER_CONDITIONS.items()}
-    rows = [["stroke or sensor", "0 ms", "3 ms"]]
-    for name, (motions, estimates) in cases.items():
-        base = costs(motions, earlier)
-        found = {ms: ratios(costs(motions, one), base) for ms, one in estimates.items()}
-        rows.append([name, found[0], found.get(3, "-")])
-    return rows
-
-
-TABLES = {"delay": delay_table, "peers": peers_table, "elsewhere": elsewhere_table}
+TABLES = {"delay": delay_table, "peers": peers_table}
 
 
 def main() -> None:

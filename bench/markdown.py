@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_observer.json_text import write_atomically
+from ces_report.table import text_table
 
 
 def markdown(rows: Sequence[Sequence[str]], left: int = 1) -> str:
     """Return a Markdown table: the first row is the heading, columns after the first `left` are right-aligned."""
-    rule = ["---"] * left + ["---:"] * (len(rows[0]) - left)
-    return "\n".join(f"|{'|'.join(row)}|" for row in (rows[0], rule, *rows[1:]))
+    return text_table(rows[0], rows[1:], left=left).to_markdown()
 
 
 def replace_between(path: Path, name: str, body: str) -> None:

@@ -1,4 +1,4 @@
-"""Common functions of the benchmarks: CPU and wall time, interleaved medians, versions, tables with their verdicts."""
+"""Common functions of the benchmarks: CPU and wall time, medians, versions, tables with their verdicts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import platform
 import statistics
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -39,24 +39,17 @@ def _cpu() -> float:
     return own + children.children_user + children.children_system
 
 
-def time_interleaved(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Return the median CPU time [s] of each: all run in turn, after one turn that is not counted.
-
-    CPU time, since all is work of one thread, and other programs may share the machine.
-    """
-    times: dict[str, list[float]] = {name: [] for name in works}
-    for turn in range(repeats + 1):
-        for name, work in works.items():
-            began = time.process_time()
-            work()
-            if turn:
-                times[name].append(time.process_time() - began)
-    return {name: statistics.median(seconds) for name, seconds in times.items()}
-
-
 def median_seconds(work: Callable[[], object], repeats: int) -> float:
-    """Return the median CPU time of single-threaded `work` [s], after one run that is not counted."""
-    return time_interleaved({"work": work}, repeats)["work"]
+    """Return the median CPU time of single-threaded `work` [s], after one run that is not counted.
+
+    CPU time, since other programs may share the machine.
+    """
+    times = []
+    for _ in range(repeats + 1):
+        began = time.process_time()
+        work()
+        times.append(time.process_time() - began)
+    return statistics.median(times[1:])
 
 
 @cache

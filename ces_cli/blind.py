@@ -46,8 +46,9 @@ from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.options import Option
+from ces_report.table import Table
 from ces_rig.blind.cases import make_cases, open_seal, read_seal, remove_cases
-from ces_rig.blind.metrics import TextRows, group_cases, metric_table, mode_facts, withheld_table
+from ces_rig.blind.metrics import group_cases, metric_table, mode_facts, withheld_table
 from ces_rig.blind.plan import ERRORS, GAPS, KINDS, Levels, list_spare_effects, plan_sample
 from ces_rig.blind.scoring import (
     DECISION,
@@ -301,7 +302,7 @@ def _score(options: argparse.Namespace) -> int:
     require_outputs(options.overwrite, {"--out": options.out})
     about, labels = open_seal(options.cases)
     by_mode: dict[str, list[CaseOutcome]] = {}
-    parts: list[str | TextRows] = []
+    parts: list[str | Table[Any]] = []
     for folder, mode in find_modes(options.results, options.cases):
         if mode.name in by_mode:
             raise CesError(f"{folder}: a second folder with results of mode {mode.name}; give one for each mode")
@@ -317,7 +318,7 @@ def _score(options: argparse.Namespace) -> int:
             f"{options.results[0]}: contains no diagnosis of a case of {options.cases}; run 'ces blind run' first"
         )
     parts = [metric_table("mode", by_mode), *parts]
-    text = "\n\n".join(part if isinstance(part, str) else _as_markdown(part) for part in parts)
+    text = "\n\n".join(part if isinstance(part, str) else part.to_markdown() for part in parts)
     if options.json:
         print_document("blind-score", {"modes": {name: mode_facts(cases) for name, cases in by_mode.items()}})
     else:
@@ -336,11 +337,6 @@ def _format_opening(
         f"{seconds:.1f} s per case (median, one thread)."
     )
     return "  \n".join([first, *(f"Case {case} could not be diagnosed: {why}" for case, why in failed.items())])
-
-
-def _as_markdown(rows: TextRows) -> str:
-    head, *lines = ("| " + " | ".join(row) + " |" for row in rows)
-    return "\n".join([head, "|" + "---|" * len(rows[0]), *lines])
 
 
 def _several(name: str, default: Any, meaning: str, metavar: str = "KIND", **how: Any) -> Option:

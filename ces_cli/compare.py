@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,14 +15,12 @@ from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.comparison import comparison_report
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_model
-from ces_identify.comparison.comparison import Comparison, compare, cost_table, headline, name_sources
+from ces_identify.comparison.comparison import Comparison, compare, headline, model_table, name_sources
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions
-from ces_identify.validation.cost_table import NONE
 from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 from ces_report.table import Table
-from ces_report.typesetting import join_with
 
 FILES = (".json", ".yaml", ".yml")
 MAX_PAIRS = 6  # that the terminal shows
@@ -82,7 +79,7 @@ def sort_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
 def _print_comparison(comparison: Comparison) -> None:
     several = [comparison_report.recording_table(comparison)] if len(comparison.recordings) > 1 else []
     pairs = [comparison_report.pair_table(comparison)] if len(comparison.pairs) <= MAX_PAIRS else []
-    tables: list[Table[Any]] = [cost_table(comparison), *several, *pairs, comparison_report.model_table(comparison)]
+    tables: list[Table[Any]] = [model_table(comparison), *several, *pairs]
     for table in tables:
         terminal.print_table(terminal.lay_out(table))
     for line in sentences(comparison):
@@ -92,11 +89,6 @@ def _print_comparison(comparison: Comparison) -> None:
 def sentences(comparison: Comparison) -> Iterator[str]:
     """Yield what the differences say, and what to know before believing them."""
     yield headline(comparison)
-    if any(math.isfinite(cost.cost) and cost.interval is None for m in comparison.models for cost in m.costs):
-        yield f"{NONE}: too short for an interval"
-    others = [m.name for m in comparison.models if m.model.model is None]
-    if others:
-        yield f"{NONE} for {join_with(others)}: no size, bound or envelope, because it is no model file"
     if len(comparison.pairs) > MAX_PAIRS:
         yield f"{len(comparison.pairs)} pairs of models: all differences with --report or --json"
     if any(m.force_bound_N is not None for m in comparison.models):

@@ -17,10 +17,10 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
-from ces_gap.baseline.input_timing import ON_TIME, InputTiming, RetimedSimulation
 from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
+from ces_gap.baseline.wrappers import ON_TIME, InputTiming, RetimedSimulation
 from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.effects.library import class_of, library_effect, user_effect
 from ces_gap.effects.refitted import FORM, NetworkPart, read_part
@@ -278,8 +278,8 @@ def _read_setting(entry: EffectEntry, where: str) -> Setting:
     except (GapError, ModelError) as error:
         raise GapError(f"{where}: {error}") from None
     if (effect.name, effect.form) != (name, form):
-        found = f"{effect.name} ({effect.form})"
-        raise GapError(f"{where}: class is {found}; expected {name} ({form}); run `ces diagnose` again")
+        class_name = f"{effect.name} ({effect.form})"
+        raise GapError(f"{where}: class is {class_name}; expected {name} ({form}); run `ces diagnose` again")
     names = tuple(p.name for p in effect.parameters)
     given = Field(kind=ByName(Field(kind=float), names, names)).check(
         entry.parameters, f"{where}: parameters", GapError

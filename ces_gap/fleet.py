@@ -31,7 +31,7 @@ OURS = ("ces_observer", "ces_identify", "ces_gap", "ces_rig", "ces_cli")
 class DiagnosisRequest:
     """The common part of all jobs: simulation, references and options.
 
-    `diagnose` and `files` are `ces_gap.pipeline.diagnose` and `ces_gap.report.result_files.result_files`, or
+    `diagnose` and `files` are `ces_gap.pipeline.diagnose` and `ces_gap.api.result_files`, or
     replacements of them.
     """
 

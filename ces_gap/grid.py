@@ -12,10 +12,10 @@ from scipy.signal import butter, firwin, sosfiltfilt, welch
 
 from ces_data.arrays import F, I, Mask
 from ces_gap.errors import GapError
+from ces_gap.limits import RecordingLimits
+from ces_identify.limits import ComparisonLimits
 
-SAME_CURRENT = 0.02  # relative spread below which a current counts as constant
 GRID_HZ = 500.0  # [Hz] highest rate of the grid: the effects of a damper lie far below half of it
-MAX_SILENCE_S = 0.05  # [s] longer pauses of a channel are not bridged
 SMOOTHING_HZ = (15.0, 200.0)  # [Hz] range of the position's low-pass; a lower limit takes real motion from fast strokes
 RUN_OUT_S = 0.25  # [s] of padding that leads from the last value of a response back to the first
 ABOVE_NOISE = 10.0  # power of the position over its noise floor that counts as signal
@@ -46,8 +46,8 @@ def number_blocks(times: Sequence[F], block_s: float) -> list[I]:
 
 def count_through(parts: Sequence[I]) -> list[I]:
     """Return the numbers (n,) of each part, rising from 0, counted on from one part to the next."""
-    firsts = np.cumsum([0, *(part[-1] + 1 for part in parts[:-1])])
-    return [first + part for first, part in zip(firsts, parts, strict=True)]
+    starts = np.cumsum([0, *(part[-1] + 1 for part in parts[:-1])])
+    return [start + part for start, part in zip(starts, parts, strict=True)]
 
 
 def rms(values: F) -> float:
@@ -57,7 +57,7 @@ def rms(values: F) -> float:
 
 def is_constant(current: F, least_A: float = 1e-9) -> bool:
     """Return whether a current [A] is constant but for noise; the spread counts relative to the mean or `least_A`."""
-    return bool(current.std() <= SAME_CURRENT * max(abs(float(current.mean())), least_A))
+    return bool(current.std() <= RecordingLimits.CONSTANT * max(abs(float(current.mean())), least_A))
 
 
 def lay_base_grid(seconds: F, name: str) -> tuple[F, float, int]:
@@ -67,8 +67,9 @@ def lay_base_grid(seconds: F, name: str) -> tuple[F, float, int]:
     """
     steps = np.diff(seconds)
     steps = steps[steps > 0.0]
-    if len(steps) < 100:
-        raise GapError(f"{name}: {len(steps) + 1} position samples; expected at least 100; record longer")
+    least = RecordingLimits.MIN_POSITIONS
+    if len(steps) < least:
+        raise GapError(f"{name}: {len(steps) + 1} position samples; expected at least {least}; record longer")
     rate = 1.0 / float(np.median(steps))
     rate = float(round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate)
     return np.arange(int(seconds[-1] * rate + 1e-6) + 1) / rate, rate, max(1, round(rate / GRID_HZ - 0.25))
@@ -80,8 +81,8 @@ def bridge_gaps(seconds: F, values: F, grid: F) -> tuple[F, Mask]:
     if len(at) < 2:
         return np.zeros_like(grid), np.zeros(len(grid), bool)
     after = np.clip(np.searchsorted(at, grid), 1, len(at) - 1)
-    known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= MAX_SILENCE_S)
-    return np.interp(grid, at, known_values), known
+    is_known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= ComparisonLimits.MAX_GAP_S)
+    return np.interp(grid, at, known_values), is_known
 
 
 def interpolate(seconds: F, values: F, grid: F) -> F:
@@ -96,8 +97,8 @@ def _known_samples(seconds: F, values: F) -> tuple[F, F]:
     seconds, values = seconds[good], values[good]
     if (np.diff(seconds) > 0.0).all():
         return seconds, values
-    at, first = np.unique(seconds, return_index=True)
-    return at, values[first]
+    at, index = np.unique(seconds, return_index=True)
+    return at, values[index]
 
 
 def find_low_pass_Hz(position: F, rate_Hz: float) -> float:

@@ -96,8 +96,8 @@ class RecentMaps:
     def learn(self, speed: F, current: F, force: F, usable: Mask) -> SpeedMap:
         """Return `learn_map` of the same arguments."""
         data = (speed, current, force, usable)
-        for known, learnt in tuple(self._recent):
-            if all(a is b or np.array_equal(a, b) for a, b in zip(known, data, strict=True)):
+        for earlier, learnt in tuple(self._recent):
+            if all(a is b or np.array_equal(a, b) for a, b in zip(earlier, data, strict=True)):
                 return learnt
         learnt = learn_map(*data)
         self._recent.appendleft((data, learnt))

@@ -17,6 +17,8 @@ from scipy.linalg import toeplitz
 
 from ces_data.arrays import F, I, Mask
 from ces_gap.grid import rms
+from ces_gap.limits import NoiseLimits, RecordingLimits
+from ces_identify.limits import CycleLimits, TickLimits
 from ces_identify.validation.cycle_noise import differences, find_period, whole_ticks
 
 CYCLES = "repeated cycles"
@@ -79,9 +81,6 @@ class MeasuredNoise:
 UNMEASURED = MeasuredNoise(0.0, NO_SOURCE)
 
 
-MAX_COLOUR = 0.1  # autocorrelation from tick to tick, above that of white noise, of noise that counts as white
-
-
 def measure_noise(
     samples: F, resample: Callable[[F], F], signals: GridSignals, simulated: F | None = None
 ) -> MeasuredNoise:
@@ -101,7 +100,7 @@ def measure_noise(
     repeated = [estimate_from_cycles(signals), estimate_from_standstill(signals)]
     errors = np.array([]) if simulated is None else (samples - simulated)[known & np.isfinite(simulated)]
     high = estimate_from_differences(values, errors, quantum, on_grid)
-    coloured = next((e for e in repeated if e.valid and e.lag1 > white_lag1 + MAX_COLOUR), None)
+    coloured = next((e for e in repeated if e.valid and e.lag1 > white_lag1 + NoiseLimits.MAX_COLOUR), None)
     if coloured is not None and high.valid:
         high = replace(high, problem=f"the noise at {coloured.source} is not white")
     estimates = [*repeated, high]
@@ -114,11 +113,8 @@ def measure_noise(
 
 
 ORDER = 6  # of the differences that show the noise: a force that is smooth over as many samples vanishes in them
-MAX_FALL = {1: 1.4, 2: 1.2}  # power in differences of lower orders over that in ORDER, of a spectrum that is flat
 WINDOW = 8  # differences in a window
 QUIET = 0.25  # share of the windows that count as quiet: not during a reversal or a step
-MIN_OVER_QUANTUM = 1.5  # power over that of the quantisation, if the noise is not filtered
-MIN_SAMPLES = 200
 WHITE_SAMPLES = 200_000  # of white noise of 1 N, which calibrates the levels
 MAX_STEPS = 1e6  # of the quantum in the largest difference; finer steps are rounding of the file's numbers
 
@@ -145,15 +141,16 @@ def estimate_from_differences(values: F, errors: F, quantum_N: float, on_grid: f
     The `errors` [N] of a simulation hold the same noise and less of the damper's force: the smaller of the two counts.
     White noise of 1 N at the samples is `on_grid` [N] on the grid.
     """
-    if len(values) < MIN_SAMPLES:
+    if len(values) < TickLimits.MIN_ERRORS:
         return NoiseEstimate(HIGH_FREQUENCIES, 0.0, f"{len(values)} samples")
-    some = [values, errors] if len(errors) >= MIN_SAMPLES else [values]
+    some = [values, errors] if len(errors) >= TickLimits.MIN_ERRORS else [values]
     quietest = min(some, key=lambda samples: _quiet_power(samples, ORDER))
-    power, *low = (_quiet_power(quietest, k) / _quiet_power_of_white_noise(k) for k in (ORDER, *MAX_FALL))
+    orders = (ORDER, *(order for order, _ in NoiseLimits.MAX_FALL))
+    power, *low = (_quiet_power(quietest, k) / _quiet_power_of_white_noise(k) for k in orders)
     problem = ""
-    if power < MIN_OVER_QUANTUM * quantum_N**2 / 12.0:
+    if power < NoiseLimits.MIN_OVER_QUANTUM * quantum_N**2 / 12.0:
         problem = "the spectrum ends at the noise of the quantisation"
-    elif all(level > fall * power for level, fall in zip(low, MAX_FALL.values(), strict=True)):
+    elif all(level > fall * power for level, (_, fall) in zip(low, NoiseLimits.MAX_FALL, strict=True)):
         problem = "the spectrum still falls at its top"
     return NoiseEstimate(HIGH_FREQUENCIES, float(np.sqrt(power)) * on_grid, problem)
 
@@ -170,29 +167,27 @@ def _quiet_power(values: F, order: int) -> float:
     return float(np.quantile((windows**2).mean(1), QUIET))
 
 
-MIN_PERIOD_S = 0.05
-MIN_CYCLES = 5
 MAX_PERIODS = 10  # between the cycles that are compared, so that they are whole ticks apart
-MAX_MISMATCH = 0.02  # RMS difference of a cycle from its neighbours, over the spread of the position or the current
 KNOTS = (-1.4, -0.7, -0.25, 0.0, 0.25, 0.7, 1.4)  # speed over its RMS, where the slopes of the force may change
-MIN_MOTION = 0.5  # spread of the position in a cycle, over that in the recording
 
 
 def estimate_from_cycles(signals: GridSignals) -> NoiseEstimate:
     """Return the RMS of what differs between equal cycles."""
-    period = find_period(signals.position, MIN_PERIOD_S * signals.rate_Hz)
+    period = find_period(signals.position, NoiseLimits.MIN_PERIOD_S * signals.rate_Hz)
     if period is None:
         return NoiseEstimate(CYCLES, 0.0, "the position does not repeat")
     cycle = np.arange(len(signals.force)) // round(period)
     ticks = np.bincount(cycle)
     mean = np.bincount(cycle, signals.position) / ticks
     energy = np.bincount(cycle, (signals.position - mean[cycle]) ** 2) / ticks
-    moving = signals.usable & (np.sqrt(energy) >= MIN_MOTION * signals.position.std())[cycle]
-    spare = (moving.sum() / period - MIN_CYCLES) / 2.0
+    moving = signals.usable & (np.sqrt(energy) >= NoiseLimits.MIN_MOTION * signals.position.std())[cycle]
+    spare = (moving.sum() / period - CycleLimits.MIN_CYCLES) / 2.0
     lag = whole_ticks(period, int(np.clip(spare, 1, MAX_PERIODS)))
     used = _find_equal_ticks(signals, moving, lag, cycle)
-    if used.sum() < MIN_CYCLES * period:
-        return NoiseEstimate(CYCLES, 0.0, f"{int(used.sum() / period)} equal cycles; expected at least {MIN_CYCLES}")
+    if used.sum() < CycleLimits.MIN_CYCLES * period:
+        return NoiseEstimate(
+            CYCLES, 0.0, f"{int(used.sum() / period)} equal cycles; expected at least {CycleLimits.MIN_CYCLES}"
+        )
     target, rows = _differences(signals.force, lag)[used], _motion_differences(signals, lag)[used]
     left = target - rows @ np.linalg.lstsq(rows, target, rcond=1e-9)[0]
     rms_N = float(np.sqrt(left @ left / max(len(left) - rows.shape[1], 1)))
@@ -218,7 +213,7 @@ def _find_equal_ticks(signals: GridSignals, moving: Mask, lag: int, cycle: I) ->
     for values, spread in ((signals.position, signals.position.std()), (signals.current, rms(signals.current))):
         difference = np.nan_to_num(_differences(values, lag))
         energy = np.bincount(cycle, np.where(used, difference**2, 0.0)) / np.maximum(np.bincount(cycle, used), 1)
-        used &= (np.sqrt(energy) <= MAX_MISMATCH * max(float(spread), 1e-12))[cycle]
+        used &= (np.sqrt(energy) <= NoiseLimits.MAX_MISMATCH * max(float(spread), 1e-12))[cycle]
     return used
 
 
@@ -239,17 +234,14 @@ def _differences(values: F, lag: int) -> F:
 
 
 WINDOW_S = 0.5  # [s] in which the force may change quadratically
-MIN_WINDOWS = 3
 TREND = 5  # coefficients of the trend in a window
-MAX_MOVE, MAX_MOVE_M = 1e-3, 10e-6  # spread of the position in a window: over that of the recording, or [m]
-MAX_CURRENT = 0.02  # spread of the current in a window over its RMS
 
 
 def estimate_from_standstill(signals: GridSignals) -> NoiseEstimate:
     """Return the RMS of the force about its trend in windows without motion, the median of the windows."""
     width = max(round(WINDOW_S * signals.rate_Hz), 16)
     starts = _find_still_windows(signals, width)
-    if len(starts) < MIN_WINDOWS:
+    if len(starts) < NoiseLimits.MIN_WINDOWS:
         return NoiseEstimate(STANDSTILL, 0.0, "the damper hardly ever rests")
     left = np.stack([_remove_trend(signals, slice(k, k + width)) for k in starts])
     energy = (left**2).sum(1)
@@ -281,8 +273,8 @@ def _find_still_windows(signals: GridSignals, width: int) -> list[int]:
     """Return the first ticks of windows without motion, none overlapping."""
     if len(signals.force) < width:
         return []
-    move = max(MAX_MOVE * float(signals.position.std()), MAX_MOVE_M)
-    current = MAX_CURRENT * rms(signals.current)
+    move = max(NoiseLimits.MAX_MOVE * float(signals.position.std()), NoiseLimits.MAX_MOVE_M)
+    current = RecordingLimits.CONSTANT * rms(signals.current)
     still = sliding_window_view(signals.usable, width).all(1)
     for values, most in ((signals.position, move), (signals.current, current + 1e-9)):
         still &= sliding_window_view(values, width).std(1) <= most

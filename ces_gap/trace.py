@@ -29,14 +29,13 @@ from ces_gap.grid import (
     thin_out,
     without_edges,
 )
+from ces_gap.limits import RecordingLimits
 from ces_gap.plant_map import RecentMaps, SpeedMap, SprungMap, learn_sprung_map
 from ces_gap.sensor_noise import UNMEASURED, GridSignals, MeasuredNoise, measure_noise
 from ces_identify.prepare.series import hold_current
 from ces_identify.simulations.simulation import Simulation, find_predictions
 
-CURRENT_AGE_S = 0.5  # [s] an older current counts as unknown
 EDGE_S = 0.1  # [s] at both ends of a segment, where filters settle
-MIN_USABLE_S = 1.0  # [s] of usable samples
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,7 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
         force, known_f = bridge_gaps(force_s, channel.values, base)
         measured = without_edges(measured_at(channel, base_ns), factor - 1)  # what decimation mixes into a tick
     simulated, known_s = bridge_gaps(seconds, simulated_N, base)
-    current = hold_current(logged, base_ns, CURRENT_AGE_S)
+    current = hold_current(logged, base_ns, RecordingLimits.CURRENT_AGE_S)
     known_i = np.isfinite(current)
     current = np.interp(base, base[known_i], current[known_i]) if known_i.any() else np.zeros_like(base)
     usable = without_edges(known_x & known_f & known_s & known_i, round(EDGE_S * base_Hz)) & measured
@@ -252,10 +251,11 @@ def own_error_N(traces: Sequence[Trace]) -> float:
 
 
 def require_usable(trace: Trace) -> None:
-    """Raise GapError if the trace has less than `MIN_USABLE_S` of usable ticks."""
+    """Raise GapError if the trace has too few usable ticks."""
     seconds = float(trace.usable.sum()) / trace.rate_Hz
-    if seconds < MIN_USABLE_S:
+    if seconds < RecordingLimits.MIN_USABLE_S:
         raise GapError(
             f"{trace.name}: {seconds:.2f} s with position, current, force and a simulated force together; "
-            f"expected at least {MIN_USABLE_S:g} s; check --signals and that the channels overlap in time"
+            f"expected at least {RecordingLimits.MIN_USABLE_S:g} s; "
+            "check --signals and that the channels overlap in time"
         )

@@ -20,7 +20,16 @@ import numpy as np
 from ces_data.arrays import F, I
 from ces_identify.limits import TickLimits
 from ces_identify.numerics.core import compiled, pointer, run_batch, with_names
-from ces_identify.numerics.least_squares import BLOCK, accumulate, longest_lag, mirror, propagate
+from ces_identify.numerics.least_squares import (
+    BLOCK,
+    NO_MODEL,
+    NormalEquations,
+    Penalty,
+    accumulate,
+    longest_lag,
+    mirror,
+    propagate,
+)
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
@@ -184,6 +193,15 @@ def delay_values(values: F, lag: int, segments: I) -> F:
     return values[np.maximum(index, 0)]
 
 
+def with_measured_past(table: RegressorTable, data: Training) -> RegressorTable:
+    """Return the regressors with measured forces instead of the model's own past forces."""
+    values = table.values.copy()
+    for j in np.flatnonzero(table.past_lags):
+        past = delay_values(data.measured, int(table.past_lags[j]), data.segments)
+        values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
+    return table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
+
+
 def _force(p: F, n: I, s: F) -> float:
     raise NotImplementedError
 
@@ -281,18 +299,25 @@ class LaggedModels(ABC):
         """The ranges of the training data; lags are in ticks, so that a rate does not matter."""
         return OperatingRange(1.0, self.training.envelope.by_signal, self.training.force_envelope)
 
-    def normal_equations(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the errors without regularisation; infinite for parameters that are no model."""
+    @property
+    @abstractmethod
+    def pull(self) -> Penalty:
+        """The regularisation."""
+
+    def normal_equations(self, table: RegressorTable, params: F, max_error: float) -> NormalEquations:
+        """Return the normal equations of the free run on the estimation ticks, with the columns of `table`."""
         t = self.training
         try:
             p, n, s, _ = self.body(params).lay_out(self.within).arrays()
         except ModelError:
-            return np.inf, np.empty((0, 0)), np.empty(0)
+            return NO_MODEL
         arrays = np.array(p), np.array(n, np.int64), np.array(s)
-        error, matrix, gradient = self.kernel(
-            *arrays, table, t.segments, len(params), *t.loose, t.measured, t.estimation, max_error
-        )
-        return error, matrix, gradient
+        data = t.segments, len(params), *t.loose, t.measured, t.estimation
+        return NormalEquations(*self.kernel(*arrays, table, *data, max_error))
+
+    def equations(self, params: F, max_error: float) -> NormalEquations:
+        """Return the normal equations of a fit."""
+        return self.normal_equations(self.table, params, max_error)
 
     def force(self, params: F, force_N: Range | None = None) -> F:
         """Return the free run (ticks,) [N], NaN where it would leave a range [N], by default the force envelope."""
@@ -323,10 +348,6 @@ class Family(LaggedModels):
         return [self] if smaller is None else [*smaller.ladder(), self]
 
     @abstractmethod
-    def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the regularised squared error (infinite above `max_error`), its matrix and its gradient."""
-
-    @abstractmethod
     def gains(self, params: F) -> tuple[F, F]:
         """Return upper bounds (n,) of the gain of the past forces and their gradients (n, parameters)."""
 
@@ -334,7 +355,3 @@ class Family(LaggedModels):
     def past(self) -> I:
         """Indices of the regressors that are past forces."""
         return np.flatnonzero(self.table.past_lags)
-
-    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the errors of the free run, as `errors_on` does."""
-        return self.errors_on(self.table, params, max_error)

@@ -32,6 +32,7 @@ from ces_report.figure import (
     series_css,
     x_range,
 )
+from ces_report.table import text_table
 from ces_report.typesetting import Chart, ChartCurve, minus
 
 __all__ = [
@@ -222,18 +223,11 @@ def _encode(values: F, wide: bool) -> dict[str, Any]:
 
 def value_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
     """Return the values of a figure as a table that the reader can open; each row begins with its name."""
-
-    def join(element: str, texts: Sequence[str]) -> Markup:
-        return Markup("").join(Markup(element).format(text) for text in texts)
-
-    body = Markup("").join(
-        Markup('<tr><th scope="row">{}</th>{}</tr>').format(name, join('<td class="n">{}</td>', cells))
-        for name, *cells in rows
-    )
+    table = text_table(heads, rows).to_html(repeat_heads=False)
     return Markup(
-        '<details class="plot-table"><summary>Values of this chart</summary><div class="wide"><table class="plain">'
-        "<caption>{}</caption><thead><tr>{}</tr></thead><tbody>{}</tbody></table></div></details>"
-    ).format(caption, join('<th scope="col">{}</th>', heads), body)
+        '<details class="plot-table"><summary>Values of this chart</summary><p>{}</p>'
+        '<div class="wide">{}</div></details>'
+    ).format(caption, table)
 
 
 def _rows(plot: Plot) -> Iterator[tuple[str, ...]]:

@@ -1,21 +1,36 @@
-"""A table declared once: columns with headings, text and meaning over rows; rendered for pages and terminals."""
+"""A table declared once: rendered for pages and terminals, as CSV and as Markdown.
+
+A row type is a frozen dataclass with a field for each column, declared by `column`; `columns_of` makes the columns of
+pages and terminals from it, `rows_as_csv` a file. Other rows have columns that are declared one by one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+import csv
+import io
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import astuple, dataclass
+from operator import itemgetter
+from typing import Any, Generic, TypeVar
 
 from markupsafe import Markup
 
+from ces_observer.fields import Field
+from ces_observer.records import declare, record_fields
+from ces_report.typesetting import Chart, Symbols, format_spread
+
 R = TypeVar("R")
+MAX_OPEN_ROWS = 20  # of a table that a page does not fold
+BAR = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
 
 
 @dataclass(frozen=True)
 class Column(Generic[R]):
     """A column: its `heading`, the `text` of a row in it, and what it means.
 
-    `figure` if it holds numbers. On pages, `html` replaces the text (links, bars), `css` and `head_css` name the
+    `figure` if it holds numbers. `small` is a remark, such as an interval: below the text on pages, else in brackets
+    after it. On pages, `html` replaces the text (links, bars), `css` and `head_css` name the
     classes of cells and heading, and `value` is sorted by where the text does not say it all. A terminal shows the
     heading `short`; a column without it is left out there if the column is `page_only`, and `terminal_only` ones are
     left out on pages.
@@ -32,6 +47,12 @@ class Column(Generic[R]):
     short: str = ""
     head_css: str = ""
     value: Callable[[R], object] | None = None
+    small: Callable[[R], str] | None = None
+
+    def line(self, row: R) -> str:
+        """Return the text of a row with its remark."""
+        remark = self.small(row) if self.small is not None else ""
+        return f"{self.text(row)} ({remark})" if remark else self.text(row)
 
 
 @dataclass(frozen=True)
@@ -59,16 +80,136 @@ class Table(Generic[R]):
         head = Markup("<thead><tr>{}</tr></thead>").format(heads) if any(c.heading for c in columns) else ""
         return Markup('<table class="{}">{}<tbody>\n{}</tbody></table>').format(css, head, body)
 
+    def folded(self, css: str = "plain", summary: str = "Table") -> Markup:
+        """Return the table for a page, under a `summary` that opens it if it has more than MAX_OPEN_ROWS rows."""
+        table = self.to_html(css, repeat_heads=False)
+        if len(self.rows) <= MAX_OPEN_ROWS:
+            return Markup('<div class="wide">{}</div>').format(table)
+        text = f"{summary}, {len(self.rows)} rows"
+        return Markup('<details class="wide"><summary>{}</summary>{}</details>').format(text, table)
+
+    def to_markdown(self) -> str:
+        """Return the table as Markdown, figures to the right."""
+        rule = ["---:" if column.figure else "---" for column in self.columns]
+        lines = [[column.heading for column in self.columns], rule]
+        lines += [[column.line(row) for column in self.columns] for row in self.rows]
+        return "\n".join(f"|{'|'.join(line)}|" for line in lines)
+
     def __str__(self) -> str:
         """Return the table as plain text, as a terminal shows it."""
         shown = [column for column in self.columns if not column.page_only]
-        lines = [[c.short or c.heading for c in shown], *([c.text(row) for c in shown] for row in self.rows)]
+        lines = [[c.short or c.heading for c in shown], *([c.line(row) for c in shown] for row in self.rows)]
         columns = [[text.replace("\n", ", ") for text in texts] for texts in zip(*lines, strict=True)]
         justified = []
         for column, texts in zip(shown, columns, strict=True):
             width = max(map(len, texts))
             justified.append([text.rjust(width) if column.figure else text.ljust(width) for text in texts])
         return "\n".join("  ".join(line).rstrip() for line in zip(*justified, strict=True))
+
+
+def text_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", left: int = 1, css: str = ""
+) -> Table[Sequence[str]]:
+    """Return a table whose rows are a text for each head, figures after the first `left`; cells before have `css`."""
+    names = [Column[Sequence[str]](head, itemgetter(i), css=css) for i, head in enumerate(heads[:left])]
+    figures = [Column[Sequence[str]](head, itemgetter(i), figure=True) for i, head in enumerate(heads[left:], left)]
+    return Table([*names, *figures], list(rows), title)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a report: an equation, a table, symbols with meanings, a note, charts; `ident` is its HTML id."""
+
+    ident: str
+    title: str
+    table: Table[Any]
+    note: str = ""
+    equation: Markup = Markup("")
+    symbols: Symbols = ()
+    charts: tuple[Chart, ...] = ()
+
+
+def parameter_section(
+    about: str, heads: Sequence[str], rows: Iterable[Sequence[str]], symbols: Symbols = ()
+) -> Section:
+    """Return the section of a model's parameters: names, and columns of numbers, which `about` explains."""
+    return Section("parameters", "Parameters", text_table(heads, rows, css="formula"), about, symbols=symbols)
+
+
+@dataclass(frozen=True)
+class RowField(Field):
+    """A field of a row type: a value with a `heading` on pages and a `short` one in terminals; none is for files only.
+
+    Numbers are shown with `digits` significant digits, with `milli` in thousandths of their unit. With `spread`, such
+    as "sd", the field `force_sd_N` follows `force_N` after ±, and says how many digits count.
+    """
+
+    heading: str = ""
+    short: str = ""
+    digits: int = 3
+    spread: str = ""
+    milli: bool = False
+
+    @property
+    def column(self) -> Column[Any]:
+        """The column of a table, with the unit in its headings."""
+        unit = "" if self.unit == "1" else f"{'m' * self.milli}{self.unit}"
+        heading, short = (f"{self.heading} [{unit}]", f"{self.short}\n{unit}") if unit else (self.heading, self.short)
+        figure, page_only = self.kind is not str, not self.short
+        return Column(heading, self.show, self.meaning, figure, short=short, page_only=page_only)
+
+    def show(self, row: Any) -> str:
+        """Return the text of the value in a row."""
+        value, scale = getattr(row, self.name), 1e3 if self.milli else 1.0
+        if not isinstance(value, float):
+            return str(value)
+        end = f"_{self.unit.replace('/', '_')}"
+        spread = getattr(row, f"{self.name.removesuffix(end)}_{self.spread}{end}") if self.spread else math.nan
+        return format_spread(scale * value, scale * spread, self.digits)
+
+
+def column(unit: str, meaning: str, heading: str = "", short: str = "", **settings: Any) -> Any:
+    """Declare a field of a row type: a number in `unit` ("1": a plain one), and how it is shown; see RowField."""
+    return declare(RowField(default=math.nan, unit=unit, meaning=meaning, heading=heading, short=short, **settings))
+
+
+def whole(meaning: str, heading: str = "", short: str = "") -> Any:
+    """Declare a field of a row type: a whole number."""
+    return declare(RowField(default=0, unit="1", meaning=meaning, heading=heading, short=short))
+
+
+def words(meaning: str, heading: str = "", short: str = "") -> Any:
+    """Declare a field of a row type: a text."""
+    return declare(RowField(default="", meaning=meaning, heading=heading, short=short))
+
+
+def row_fields(row: Any) -> dict[str, RowField]:
+    """Return the fields of a row type by name."""
+    return {name: field for name, field in record_fields(row).items() if isinstance(field, RowField)}
+
+
+def columns_of(row: Any, *names: str) -> list[Column[Any]]:
+    """Return the columns of these fields of a row type, in this order; without names, of all that have a heading."""
+    fields = row_fields(row)
+    return [fields[name].column for name in names or fields if fields[name].heading]
+
+
+def rows_as_csv(row: Any, rows: Iterable[Any]) -> str:
+    """Return rows as CSV text below the names of all fields; numbers have seven figures, NaN is an empty cell."""
+
+    def cell(value: object) -> object:
+        if not isinstance(value, float):
+            return value
+        return "" if math.isnan(value) else f"{value:.7g}"
+
+    return as_csv([row_fields(row), *(map(cell, astuple(one)) for one in rows)])
+
+
+def as_csv(lines: Iterable[Iterable[object]]) -> str:
+    """Return lines of cells as CSV text."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue()
 
 
 def _head(column: Column[R]) -> Markup:
@@ -82,6 +223,8 @@ def _cell(column: Column[R], row: R, repeat_heads: bool) -> Markup:
     attributes += _attribute("data-head", column.heading * (column.figure and repeat_heads))
     attributes += Markup(' data-value="{}"').format(column.value(row)) if column.value is not None else ""
     content = column.html(row) if column.html is not None else column.text(row)
+    if column.small is not None and (remark := column.small(row)):
+        content = Markup("{}<small>{}</small>").format(content, remark)
     return Markup("<td{}>{}</td>").format(attributes if content else _attribute("class", column.css), content)
 
 

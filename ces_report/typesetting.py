@@ -1,4 +1,4 @@
-"""Numbers, signals and the table of a model's parameters in reports."""
+"""Numbers, names, signals and curves in reports."""
 
 from __future__ import annotations
 
@@ -29,15 +29,6 @@ Symbols = tuple[tuple[Markup, str], ...]
 
 
 @dataclass(frozen=True)
-class TableColumn:
-    """A column of a table: its head, and the CSS classes of its head and of its cells."""
-
-    head: Markup
-    head_class: str = "n"
-    cell_class: str = "n"
-
-
-@dataclass(frozen=True)
 class ChartCurve:
     """A curve y(x) with the half width of its 95 % interval, each (n,); `recorded` is the range of x with data."""
 
@@ -59,32 +50,6 @@ class Chart:
     caption: str
 
 
-@dataclass(frozen=True)
-class ModelTable:
-    """A section of a report with a model's parameters; `ident` is the section's HTML id.
-
-    `symbols` are the symbols in the table with their meanings. The notes come before and after them, charts below.
-    """
-
-    ident: str
-    title: str
-    equation: Markup
-    columns: tuple[TableColumn, ...]
-    rows: tuple[tuple[Markup, ...], ...]
-    note_before: str = ""
-    note_after: str = ""
-    charts: tuple[Chart, ...] = ()
-    symbols: Symbols = ()
-
-
-def parameter_table(
-    about: str, heads: tuple[Markup, ...], rows: tuple[tuple[Markup, ...], ...], symbols: Symbols = ()
-) -> ModelTable:
-    """Return a table with a first column of names and columns of numbers; `about` explains it."""
-    columns = (TableColumn(heads[0], "", "formula"), *map(TableColumn, heads[1:]))
-    return ModelTable("parameters", "Parameters", Markup(""), columns, rows, note_before=about, symbols=symbols)
-
-
 def describe_signals(signals: Iterable[str], rate_Hz: float) -> Symbols:
     """Return the symbols of the logged signals and of the tick with their meanings, in a fixed order."""
     used = set(signals)
@@ -98,9 +63,9 @@ def signal_symbol(signal: str, lag: int) -> Markup:
     return Markup('<span class="signal"><var>{}</var>(<var>k</var>{})</span>').format(SYMBOLS.get(signal, signal), ago)
 
 
-def four_figures(value: float) -> Markup:
+def four_figures(value: float) -> str:
     """Return a number with four significant figures."""
-    return Markup("{}").format(minus(f"{value:.4g}"))
+    return minus(f"{value:.4g}")
 
 
 def three_figures(value: float) -> str:
@@ -121,6 +86,23 @@ def format_number(value: float, figures: int = 3) -> str:
         return minus(digits)
     mantissa, power = digits.split("e")
     return minus(f"{mantissa}·10") + str(int(power)).translate(RAISED)
+
+
+def format_decimal(value: float, figures: int = 3) -> str:
+    """Return a number with `figures` significant figures and no power of ten; a dash if it is unknown."""
+    if not math.isfinite(value):
+        return "\N{EN DASH}"
+    digits = figures - 1 - (math.floor(math.log10(abs(value))) if value else 0)
+    return minus(f"{round(value, digits):.{max(digits, 0)}f}")
+
+
+def format_spread(value: float, spread: float, figures: int = 3) -> str:
+    """Return `value ± spread`, to one figure of the spread, two if it begins with 1 or 2; `figures` without spread."""
+    if not (math.isfinite(value) and math.isfinite(spread) and spread > 0.0):
+        return format_decimal(value, figures)
+    decade = math.floor(math.log10(spread))
+    digits = (1 if spread < 3.0 * 10.0**decade else 0) - decade
+    return minus(f"{round(value, digits):.{max(digits, 0)}f} ± {round(spread, digits):.{max(digits, 0)}f}")
 
 
 def format_range(low: float, high: float) -> str:

@@ -40,8 +40,8 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     ),
     "ces_rig": ("errors drive sensors dampers experiments withheld blind live loop"),
     "ces_gap": (
-        "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference calibrate "
-        "experiment regions diagnosis report pipeline api fleet"
+        "limits progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
+        "calibrate experiment regions diagnosis report pipeline api fleet"
     ),
     "ces_cli": ("terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema main"),
 }
@@ -67,13 +67,13 @@ ALLOWED = {
 MAX_PACKAGE = {
     "ces_observer": 141.4,
     "ces_data": 87.9,
-    "ces_report": 11.5,
-    "ces_identify": 169.9,
+    "ces_report": 12.7,
+    "ces_identify": 169.2,
     "ces_rig": 76.8,
-    "ces_gap": 127.4,
-    "ces_cli": 66.4,
-    "bench": 79.9,
-    "test": 477,
+    "ces_gap": 129.1,
+    "ces_cli": 66.2,
+    "bench": 71.8,
+    "test": 474.2,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

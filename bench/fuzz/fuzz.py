@@ -2,8 +2,7 @@
 
     python -m bench.fuzz.fuzz --samples 1200000 --files 100000 --jobs 1
 
-Coverage-guided runs are in coverage_fuzz.py. Exit status 1 if an input broke a promise (see fuzz_targets.py); such
-inputs are saved in out/fuzz.
+Exit status 1 if an input broke a promise (see fuzz_targets.py); such inputs are saved in out/fuzz.
 """
 
 from __future__ import annotations

@@ -24,8 +24,8 @@ from scipy.optimize import minimize, minimize_scalar
 
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
-from ces_gap.inference.odds import VerdictFigures, gap_features, unknown_features
-from ces_gap.inference.search import MIN_GAIN_SHARE, NEGLIGIBLE_SHARE
+from ces_gap.inference.judgement import VerdictFigures, gap_features, unknown_features
+from ces_gap.limits import SearchLimits
 from ces_observer.json_text import write_atomically
 from ces_rig.blind.cases import open_seal
 from ces_rig.blind.scoring import DECISION, GAP, Mode, find_modes
@@ -89,7 +89,7 @@ def _left_by_effect(gap: dict[str, Any]) -> dict[str, float]:
     best = gap["composition"]["effects"]
     if len(best) == 1 and best[0] in left:
         nested = [n for n in left if (n, best[0]) in LIMITS or (best[0], n) in LIMITS]
-        left.update({name: max(left[name], left[best[0]] + MIN_GAIN_SHARE) for name in nested})
+        left.update({name: max(left[name], left[best[0]] + SearchLimits.MIN_GAIN) for name in nested})
     return left
 
 
@@ -116,7 +116,7 @@ def fit_sharpness(some: list[CalibrationCase]) -> float:
         total = 0.0
         for case in some:
             names = list(case.left)
-            left = np.log(np.maximum([case.left[n] for n in names], 0.0) + NEGLIGIBLE_SHARE)
+            left = np.log(np.maximum([case.left[n] for n in names], 0.0) + SearchLimits.NEGLIGIBLE)
             share = np.exp(-np.exp(log_sharpness) * (left - left.min()))
             share /= share.sum()
             total -= np.log(max(float(share[[n in case.truth for n in names]].sum()), 1e-6))

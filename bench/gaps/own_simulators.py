@@ -18,11 +18,11 @@ import numpy as np
 from bench.gaps.users_dampers import SIMULATORS, record
 from bench.markdown import markdown
 from ces_gap.api import diagnose
-from ces_gap.calibrate.parameters import NAME as PARAMETERS
 from ces_gap.diagnosis import NAMED, NO_GAP, Diagnosis, Explanation
 from ces_gap.effects.effect import Composition
 from ces_gap.effects.library import library
 from ces_gap.grid import rms
+from ces_gap.inference.judgement import PARAMETERS
 from ces_gap.inference.verdict import TIMING
 from ces_gap.pipeline import DiagnoseOptions
 from ces_identify.simulations.simulation import FunctionSimulation

@@ -11,7 +11,6 @@ from pathlib import Path
 from random import Random
 
 from bench.reliability.judge import (
-    REAL,
     REPORT_WITHIN_NS,
     EpisodeLimits,
     Fault,
@@ -159,7 +158,6 @@ ACTIONS: dict[str, Action] = {
 
 
 WELL_WITHIN_S = 10.0
-SIMULATED_START_NS = 1_000_000_000_000
 
 
 class ObserverEndedError(Exception):
@@ -167,20 +165,15 @@ class ObserverEndedError(Exception):
 
 
 @contextmanager
-def start_stage(model: Model, folder: Path, times: str, namespace: str = "/faults") -> Iterator[Stage]:
+def start_stage(model: Model, folder: Path, namespace: str = "/faults") -> Iterator[Stage]:
     """Start all processes; `folder` receives model files and log. `ObserverProcess.end` must end the observer."""
     path = folder / "model.json"
     model.save(path)
-    simulated = times != REAL
-    parameters = {
-        "model": path,
-        "max_age_s": MAX_AGE_S,
-        "use_sim_time": str(simulated).lower(),
-    }
+    parameters = {"model": path, "max_age_s": MAX_AGE_S}
     with ObserverMonitor(namespace) as monitor:
         observer = ObserverProcess(namespace, parameters, folder / "observer.log")
         try:
-            source = SourceProcess(namespace, SIMULATED_START_NS if simulated else None)
+            source = SourceProcess(namespace)
             try:
                 yield Stage(observer, source, monitor, model, path)
             finally:
@@ -191,14 +184,14 @@ def start_stage(model: Model, folder: Path, times: str, namespace: str = "/fault
                 observer.process.wait()
 
 
-def make_limits(model: Model, times: str) -> EpisodeLimits:
+def make_limits(model: Model) -> EpisodeLimits:
     truth = TrueForce(model)
     return EpisodeLimits(
         model.force_envelope_N,
         truth.force,
         truth.max_force_N,
         model.sampling.warm_up_s,
-        MAX_AGE_S if times == REAL else 0.0,
+        MAX_AGE_S,
     )
 
 

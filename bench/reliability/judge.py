@@ -8,7 +8,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import pairwise
 from math import isfinite, isnan, nan
 from typing import Protocol
@@ -16,8 +15,6 @@ from typing import Protocol
 TRUE = "as undisturbed"  # estimates continue and equal those of an undisturbed observer
 NONE = "none"  # no estimate for the corrupted samples
 BOUNDED = "bounded"  # estimates are allowed inside the model's envelope
-
-REAL, SIMULATED = "real", "simulated"
 
 
 @dataclass(frozen=True)
@@ -39,11 +36,8 @@ class Fault:
     seconds: tuple[float, float] = (0.3, 1.0)
     holds_s: float = 0.0
     restarts: bool = False
-    times: tuple[str, ...] = (REAL, SIMULATED)
     doubles: str = ""
 
-
-SimulatedFault = partial(Fault, restarts=True, times=(SIMULATED,))
 
 OUT_OF_ORDER = "stamp repeats or runs backwards"
 NO_CURRENT = "no usable current"
@@ -69,10 +63,6 @@ TIMES = (
     Fault("stamps 2 to 60 s behind", (OFF_CLOCK,), NONE, "behind", restarts=True),
     Fault("stamps 0.1 to 0.4 s ahead", RESTART, BOUNDED, "a little ahead", seconds=(0.7, 1.2), restarts=True),
     Fault("stamps 0.1 to 0.4 s behind", RESTART, BOUNDED, "a little behind", seconds=(0.7, 1.2), restarts=True),
-    SimulatedFault("/clock and stamps jump ahead", RESTART, BOUNDED, "time ahead"),
-    SimulatedFault("/clock and stamps jump back", RESTART, BOUNDED, "time behind"),
-    SimulatedFault("/clock jumps, stamps do not", (OFF_CLOCK,), NONE, "clock alone", holds_s=0.02),
-    SimulatedFault("simulation paused", (SILENT,), NONE, "paused", seconds=(0.6, 1.5)),
 )
 MESSAGES = (
     Fault("wrong joint name", ("no joint 'rear_damper'",), NONE, "wrong joint", seconds=(0.6, 1.2), restarts=True),
@@ -164,7 +154,7 @@ class FaultEpisode:
 class EpisodeLimits:
     """Limits from model, ride and parameters: force envelope [N], true force by stamp [N], its maximum, warm-up [s].
 
-    `max_age_s` is the observer's limit on the age of its estimates; 0 if stamps are not those of the wall clock.
+    `max_age_s` is the observer's limit on the age of its estimates.
     """
 
     envelope_N: tuple[float, float]

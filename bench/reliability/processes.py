@@ -77,9 +77,8 @@ class ObserverProcess:
 class SourceProcess:
     """The source's process; `restart` kills it and starts another."""
 
-    def __init__(self, namespace: str, simulated_ns: int | None) -> None:
+    def __init__(self, namespace: str) -> None:
         self._namespace = namespace
-        self._simulated_ns = simulated_ns
         self._start()
 
     def wait_for_event(self, event: str, timeout_s: float = 20.0) -> dict[str, Any]:
@@ -108,14 +107,11 @@ class SourceProcess:
 
     def restart(self) -> dict[str, Any]:
         """Start another source and return its event `running`."""
-        if self._simulated_ns is not None:
-            self._simulated_ns = self.stamp_now()
         self._start()
         return self._began
 
     def _start(self) -> None:
-        simulated = [] if self._simulated_ns is None else [f"--simulated-ns={self._simulated_ns}"]
-        words = [sys.executable, "-m", "bench.reliability.source", *simulated, *ros_args(self._namespace)]
+        words = [sys.executable, "-m", "bench.reliability.source", *ros_args(self._namespace)]
         paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
         self.process = subprocess.Popen(
             words,
@@ -137,8 +133,8 @@ def _listen(process: subprocess.Popen[str], events: queue.Queue[dict[str, Any]])
 
 
 def ros_args(namespace: str) -> list[str]:
-    """Return the ROS arguments: the campaign's own namespace and clock."""
-    return ["--ros-args", "-r", f"__ns:={namespace}", "-r", f"/clock:={namespace}/clock"]
+    """Return the ROS arguments: the campaign's own namespace."""
+    return ["--ros-args", "-r", f"__ns:={namespace}"]
 
 
 NODE = "observer"

@@ -90,11 +90,6 @@ def float64(value: float) -> bytes:
     return HEADER + DOUBLE.pack(value)
 
 
-def clock(now_ns: int) -> bytes:
-    """Return a rosgraph_msgs/Clock."""
-    return HEADER + STAMP.pack(*divmod(now_ns, 10**9))
-
-
 def no_float64(dice: Random) -> bytes:
     """Return bytes too short for a Float64, in whole words as DDS sends them."""
     return HEADER + dice.randbytes(dice.randrange(5))
@@ -129,11 +124,10 @@ class PositionSample:
 
 @dataclass
 class RideTick:
-    """The messages of one tick; None: no current, or no clock in simulated time."""
+    """The messages of one tick; None: no current."""
 
     samples: list[PositionSample]
     current_A: float | None
-    now_ns: int | None
     garbage_on: list[str] = field(default_factory=list)
 
 
@@ -163,11 +157,6 @@ def change_positions(value: Callable[[PositionSample, Random], float], share: fl
 
 def set_current(value: float | None) -> SpoilerMaker:
     return stateless(lambda tick, dice: setattr(tick, "current_A", value))
-
-
-def pause(tick: RideTick, dice: Random) -> None:
-    tick.samples.clear()
-    tick.current_A = tick.now_ns = None
 
 
 def name_other_joint(tick: RideTick, dice: Random) -> None:
@@ -223,30 +212,18 @@ def freeze_position(dice: Random) -> Spoiler:
     return spoil
 
 
-def stamps_off(min_s: float, max_s: float, sign: int, clock_too: bool = False) -> SpoilerMaker:
-    """Make spoilers that set the stamps, and with `clock_too` the simulated time as well, off by a constant."""
+def stamps_off(min_s: float, max_s: float, sign: int) -> SpoilerMaker:
+    """Make spoilers that set the stamps off by a constant."""
 
     def make(dice: Random) -> Spoiler:
         off_ns = sign * MS * dice.randint(round(min_s * 1e3), round(max_s * 1e3))
 
         def spoil(tick: RideTick) -> None:
             tick.samples[:] = [replace(one, stamp_ns=one.stamp_ns + off_ns) for one in tick.samples]
-            if clock_too and tick.now_ns is not None:
-                tick.now_ns += off_ns
 
         return spoil
 
     return make
-
-
-def clock_off(dice: Random) -> Spoiler:
-    off_ns = dice.choice((-1, 1)) * MS * dice.randint(2_000, 60_000)
-
-    def spoil(tick: RideTick) -> None:
-        if tick.now_ns is not None:
-            tick.now_ns += off_ns
-
-    return spoil
 
 
 def garbage(instead: bool, *topics: str) -> SpoilerMaker:
@@ -289,10 +266,6 @@ SPOILERS: dict[str, SpoilerMaker] = {
     "behind": stamps_off(2.0, 60.0, -1),
     "a little ahead": stamps_off(0.1, 0.4, 1),
     "a little behind": stamps_off(0.1, 0.4, -1),
-    "time ahead": stamps_off(2.0, 60.0, 1, clock_too=True),
-    "time behind": stamps_off(2.0, 60.0, -1, clock_too=True),
-    "clock alone": clock_off,
-    "paused": stateless(pause),
     "wrong joint": stateless(name_other_joint),
     "flood": stateless(flood),
     "garbage among": garbage(False, POSITION, CURRENT),

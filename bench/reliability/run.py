@@ -1,8 +1,7 @@
 """Injects faults into a running observer for a quarter of an hour, and evaluates its estimates and diagnostics.
 
 Needs a sourced ROS 2 (`python3 -m bench.reliability.run`): the observer is a separate process, observed over real DDS
-on this computer, with a source at 1 kHz. With `--simulated`, time comes from /clock. Prints a table, one row
-for each report; in simulated time only of the faults that exist there alone.
+on this computer, with a source at 1 kHz. Prints a table, one row for each report.
 Exit status 1 if a rule was violated.
 """
 
@@ -21,7 +20,7 @@ from pathlib import Path
 from random import Random
 
 from bench.markdown import markdown
-from bench.reliability.judge import REAL, SIMULATED, FaultOutcome, check_bounds, faults
+from bench.reliability.judge import FaultOutcome, check_bounds, faults
 from ces_observer.model import load_model
 
 SETTLED_S = 60.0
@@ -71,10 +70,10 @@ HEADER = ("reported as", "fault", "worst recovery s", "worst error N")
 
 
 class CampaignRecord:
-    """The results of a campaign in `times` (real or simulated)."""
+    """The results of a campaign."""
 
-    def __init__(self, times: str, seed: int) -> None:
-        self.times, self.seed = times, seed
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
         self.outcomes: dict[str, list[FaultOutcome]] = {}
         self.wrong: list[str] = []
         self._facts = ""
@@ -93,7 +92,7 @@ class CampaignRecord:
             self.wrong.append(f"memory grew by {growth:.0f} kB, at most {MAX_GROWTH_KB:.0f} allowed")
         episodes = sum(map(len, self.outcomes.values()))
         self._facts = (
-            f"{seconds / 60.0:.1f} minutes in {self.times} time, seed {self.seed}: {episodes} episodes, {estimates:,} "
+            f"{seconds / 60.0:.1f} minutes, seed {self.seed}: {episodes} episodes, {estimates:,} "
             f"estimates; resident memory {memory.kB[-1] / 1024.0:.1f} MB, {change}"
         )
 
@@ -102,8 +101,7 @@ class CampaignRecord:
 
     def lines(self) -> list[str]:
         """Return the page's lines: facts, failures and the table."""
-        also_real = {one.name for one in faults(0.0) if REAL in one.times} if self.times == SIMULATED else set()
-        rows = _rows({name: several for name, several in sorted(self.outcomes.items()) if name not in also_real})
+        rows = _rows(dict(sorted(self.outcomes.items())))
         failed = [_describe_failure(name, several) for name, several in sorted(self.outcomes.items())]
         end = "The observer ended with status 0." if not self.wrong else f"**Wrong: {'; '.join(self.wrong)}.**"
         failures = "; ".join(filter(None, failed))
@@ -144,7 +142,6 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=15.0, help="length of the campaign [min], default 15")
     parser.add_argument("--seed", type=int, default=1, help="seed of order, times and random values, default 1")
-    parser.add_argument("--simulated", action="store_true", help="simulated time")
     parser.add_argument("--model", type=Path, default=MODEL, help="default config/models/sample.json")
     parser.add_argument("--only", metavar="TEXT", help="only faults whose name contains this")
     options = parser.parse_args()
@@ -159,12 +156,10 @@ def main() -> int:
     from bench.reliability.campaign import ObserverEndedError, make_limits, play, rounds, start_stage
 
     model = load_model(options.model)
-    times = SIMULATED if options.simulated else REAL
-    chosen = [one for one in faults(model.sampling.max_current_age_s) if times in one.times]
-    chosen = [one for one in chosen if not options.only or options.only in one.name]
-    limits = make_limits(model, times)
-    dice, record = Random(options.seed), CampaignRecord(times, options.seed)
-    with tempfile.TemporaryDirectory() as folder, start_stage(model, Path(folder), times) as stage:
+    chosen = [one for one in faults(model.sampling.max_current_age_s) if not options.only or options.only in one.name]
+    limits = make_limits(model)
+    dice, record = Random(options.seed), CampaignRecord(options.seed)
+    with tempfile.TemporaryDirectory() as folder, start_stage(model, Path(folder)) as stage:
         memory = Memory(stage.observer.process.pid)
         began = time.monotonic()
         try:

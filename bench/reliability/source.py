@@ -17,7 +17,6 @@ from random import Random
 from typing import Any
 
 import rclpy
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -32,7 +31,6 @@ from bench.reliability.ride import (
     JointWire,
     PositionSample,
     RideTick,
-    clock,
     current_A,
     float64,
     no_float64,
@@ -41,21 +39,18 @@ from bench.reliability.ride import (
 )
 
 DEPTH = 100
-CLOCK_EVERY = 5  # ticks: 200 Hz
 CURRENT_EVERY = 2
 OVERDUE_S = 0.1
 
 
 class RideSource:
-    """Publishers and the clock of the ride; `simulated_ns` is the simulated time at the start, None in real time."""
+    """Publishers of the ride."""
 
-    def __init__(self, simulated_ns: int | None) -> None:
+    def __init__(self) -> None:
         self._node = rclpy.create_node("source")
         self._position = self._node.create_publisher(JointState, POSITION, DEPTH)
         self._current = self._node.create_publisher(Float64, CURRENT, DEPTH)
-        self._clock = self._node.create_publisher(Clock, "/clock", DEPTH) if simulated_ns is not None else None
         self._wires = {joint: JointWire(["steering", joint]) for joint in (JOINT, OTHER_JOINT)}
-        self._begin_ns = (time.time_ns() if simulated_ns is None else simulated_ns) // MS * MS
         self._commands: deque[dict[str, Any]] = deque()
         self._episode: SpoilerEpisode | None = None
         self._over = threading.Event()
@@ -65,11 +60,9 @@ class RideSource:
     def run(self) -> None:
         """Publish until standard input is closed."""
         while self._position.get_subscription_count() == 0:
-            self._send_clock(self._begin_ns)
             time.sleep(0.005)
         threading.Thread(target=self._listen, daemon=True).start()
-        if self._clock is None:
-            self._begin_ns = time.time_ns() // MS * MS
+        self._begin_ns = time.time_ns() // MS * MS
         self._begin_s, k = time.monotonic(), 0
         print_event(event="running", good_ns=self._begin_ns, at_ns=time.time_ns())
         while not self._over.is_set():
@@ -91,15 +84,13 @@ class RideSource:
         stamp = self._begin_ns + k * MS
         if self._episode is None and self._commands:
             self._episode = SpoilerEpisode(k, **self._commands.popleft())
-        tick = RideTick([PositionSample(stamp, stroke_m(stamp))], current_A(stamp), stamp)
+        tick = RideTick([PositionSample(stamp, stroke_m(stamp))], current_A(stamp))
         if self._episode is not None and not self._episode.spoil(k, tick):
             self._episode.report_end(stamp)
             self._episode = None
         self._send(k, tick)
 
     def _send(self, k: int, tick: RideTick) -> None:
-        if k % CLOCK_EVERY == 0 and tick.now_ns is not None:
-            self._send_clock(tick.now_ns)
         if k % CURRENT_EVERY == 0 and tick.current_A is not None:
             self._current.publish(float64(tick.current_A))
         for one in tick.samples:
@@ -109,10 +100,6 @@ class RideSource:
                 self._position.publish(no_joint_state(self._wires[JOINT].message(0, 0.0), self._dice))
             else:
                 self._current.publish(no_float64(self._dice))
-
-    def _send_clock(self, now_ns: int) -> None:
-        if self._clock is not None:
-            self._clock.publish(clock(now_ns))
 
     def _listen(self) -> None:
         for line in sys.stdin:
@@ -149,8 +136,7 @@ def print_event(**facts: object) -> None:
 
 def main() -> None:
     rclpy.init()
-    node_time = [word.partition("=")[2] for word in sys.argv if word.startswith("--simulated-ns=")]
-    RideSource(int(node_time[0]) if node_time else None).run()
+    RideSource().run()
 
 
 if __name__ == "__main__":

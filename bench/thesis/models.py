@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from bench.measurement import print_note
 from ces_data.recording import Recording
 from ces_identify.identification import identify
+from ces_identify.numerics.least_squares import NormalEquations
 from ces_identify.numerics.search import GAUSS_NEWTON, Limits
 from ces_identify.numerics.search import THESIS as TO_THE_LETTER
 from ces_identify.polynomial.rules_file import load_rules
@@ -34,7 +35,7 @@ from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.lagged import train
 from ces_identify.structures.network import NetworkFit, NetworkShape
-from ces_identify.training import LagCounts, RegressorTable, Training, build_training, delay_values
+from ces_identify.training import LagCounts, RegressorTable, build_training, with_measured_past
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_rig.experiments.virtual import Experiment, find_experiment, load_experiment, run, with_seed
@@ -132,18 +133,9 @@ class OneStepNetwork(NetworkFit):
         """The regressors, past forces among them as measured."""
         return with_measured_past(self.table, self.training)
 
-    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared one-step error with the penalty on decay, its matrix and its gradient."""
-        return self.errors_on(self.measured_table, params, max_error)
-
-
-def with_measured_past(table: RegressorTable, data: Training) -> RegressorTable:
-    """Return the regressors with measured forces instead of the model's own past forces."""
-    values = table.values.copy()
-    for j in np.flatnonzero(table.past_lags):
-        past = delay_values(data.measured, int(table.past_lags[j]), data.segments)
-        values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
-    return table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
+    def equations(self, params: F, max_error: float) -> NormalEquations:
+        """Return the normal equations of the one-step error."""
+        return self.normal_equations(self.measured_table, params, max_error)
 
 
 def fit_conventionally(shape: NetworkShape | FuzzyShape, recordings: Sequence[Recording], limits: Limits) -> Model:

@@ -13,9 +13,8 @@ from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_data.arrays import F
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import PAGE, write_characteristics
+from ces_identify.characteristics.page import PAGE, peak_table, response_table, work_table, write_characteristics
 from ces_identify.characteristics.rows import Characteristics
-from ces_identify.characteristics.tables import peak_table, response_table, work_table
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 from ces_observer.options import Option

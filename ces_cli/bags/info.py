@@ -23,6 +23,7 @@ from ces_data.recording import Recording
 from ces_data.samples import ChannelStats, Coverage, channel_stats, coverage
 from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS, Signal, Signals
+from ces_report.table import text_table
 
 COLOURS = {ERROR: "red", WRONG_MODEL: "red", WARNING: "yellow"}
 SHORT_HASH = 12
@@ -100,15 +101,17 @@ def _print_report(reports: list[BagReport], covered: Coverage, signals: Signals)
 
 
 def _table(report: BagReport) -> Table:
-    headings = ("samples", "s", "Hz", "jitter\nms", "longest\nms", "gaps", "from", "to")
-    table = terminal.make_table(None, ("signal",), headings)
-    table.columns[0].no_wrap = True
+    rows: list[Sequence[str]] = []
     for name, s in report.stats.items():
         times = (f"{s.duration_s:.2f}", f"{s.rate_Hz:.1f}", f"{1e3 * s.jitter_s:.3f}", f"{1e3 * s.longest_s:.3f}")
         unit = report.recording.channel(name).unit
-        table.add_row(f"{name} {unit}", f"{s.count}", *times, f"{s.gaps}", _format_value(s.low), _format_value(s.high))
+        ends = _format_value(s.low), _format_value(s.high)
+        rows.append((f"{name} {unit}", f"{s.count}", *times, f"{s.gaps}", *ends))
     for name, value in report.recording.constants.items():
-        table.add_row(f"{name} {UNITS[name]}", *[""] * 6, _format_value(value), _format_value(value))
+        rows.append((f"{name} {UNITS[name]}", *[""] * 6, _format_value(value), _format_value(value)))
+    headings = ("signal", "samples", "s", "Hz", "jitter\nms", "longest\nms", "gaps", "from", "to")
+    table = terminal.lay_out(text_table(headings, rows))
+    table.columns[0].no_wrap = True
     return table
 
 

@@ -17,6 +17,7 @@ from ces_data.mapping.proposals import describe_scale, propose_signals
 from ces_data.mapping.rating import Rating
 from ces_observer.json_text import write_atomically
 from ces_observer.options import Option
+from ces_report.table import text_table
 
 MAX_OTHERS = 3
 
@@ -66,10 +67,8 @@ def make_parser() -> terminal.Parser:
 
 def print_proposal(selection: Selection, console: Console, skipped: Mapping[str, str] | None = None) -> None:
     """Print the table of a proposal, then one line for each thing to check and each signal that was not found."""
-    table = terminal.make_table(None, ("signal", "candidate, range, rate", "why"), ())
+    table = terminal.lay_out(text_table(("signal", "candidate, range, rate", "why"), _rows(selection), left=3))
     table.columns[0].no_wrap = True
-    for row in _rows(selection):
-        table.add_row(*row)
     console.print(table, highlight=False, markup=False)
     for check in selection.checks:
         terminal.print_line(f"check: {check}", "yellow", console)

@@ -16,6 +16,7 @@ from ces_cli.terminal.inputs import find_bags, import_from_here, open_simulation
 from ces_cli.terminal.outputs import make_schemas, print_document, without_text
 from ces_cli.terminal.progress import DiagnoseProgress
 from ces_data.recording import Recording
+from ces_gap.api import REPORT, result_files
 from ces_gap.augmented import name_simulation
 from ces_gap.baseline.identified import MODEL, identify_baseline
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, GapRegion, Interval, Where, find_best_other
@@ -25,7 +26,6 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
 from ces_gap.report.gap_json import gap_content, shrink_of_ceiling
-from ces_gap.report.result_files import REPORT, result_files
 from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
 from ces_identify.simulations.simulation import Simulation
 from ces_identify.structures.auto import AUTO

@@ -24,15 +24,14 @@ from ces_cli.terminal.inputs import (
 from ces_cli.terminal.options import FIT, HELD_OUT, JOBS, JSON, OVERWRITE, REAL, SIGNALS, never_with, only_with
 from ces_cli.terminal.outputs import print_document, require_folder, require_outputs
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
-from ces_cli.terminal.terminal import as_csv
 from ces_data.bags.reader import read_recording
 from ces_data.findings import require_usable
 from ces_data.recording import Recording
-from ces_gap.calibrate.free import NONE
+from ces_gap.api import result_files
+from ces_gap.calibrate.parameters import NONE
 from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of
 from ces_gap.inputs.checks import is_seen
 from ces_gap.pipeline import diagnose
-from ces_gap.report.result_files import result_files
 from ces_identify.jobs import DONE, FAILED, Row, Task, open_results
 from ces_identify.options import SEED, THREADS
 from ces_identify.simulations.simulation import Simulation
@@ -42,7 +41,7 @@ from ces_observer.json_text import write_atomically
 from ces_observer.options import Option, in_group
 from ces_observer.signals import Signals
 from ces_observer.structures import STRUCTURES
-from ces_report.table import Column, Table
+from ces_report.table import Column, Table, as_csv
 
 NAMES = [one.option for one in STRUCTURES.values() if one.is_offered]
 IDENTIFY = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"

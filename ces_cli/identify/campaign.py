@@ -22,7 +22,7 @@ from ces_identify.limits import ChoiceLimits
 from ces_identify.validation.evaluate import IDENTIFICATION
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
-from ces_report.table import Column, Table
+from ces_report.table import Column, Table, as_csv
 
 MAX_ROWS_SHOWN = 40  # rows in the terminal
 RESULTS = "results.jsonl"
@@ -176,4 +176,4 @@ def write_csv(results: CampaignRows, path: Path) -> None:
     settings = dict.fromkeys((*first, *(key for plain, _, _ in lines for key in plain)))
     recordings = dict.fromkeys(key for _, costs, _ in lines for key in costs)
     rows = ([*map(plain.get, settings), mark, *map(costs.get, recordings)] for plain, costs, mark in lines)
-    write_atomically(path, terminal.as_csv([[*settings, "mark", *recordings], *rows]))
+    write_atomically(path, as_csv([[*settings, "mark", *recordings], *rows]))

@@ -66,6 +66,7 @@ from ces_identify.validation.lacks import head_lines
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.proof.certificate import summarize
+from ces_report.table import text_table
 
 
 def _rule_of(kit: StructureKit[Any], names: str) -> OptionRule:
@@ -215,7 +216,7 @@ def with_folds(
             return select_identify_function(options)(training, held_out, fold, progress.listen)
 
     folds = cross_validate(recordings, options.folds, identify, how)
-    terminal.print_table(fold_table(folds))
+    terminal.print_table(terminal.lay_out(fold_table(folds)))
     if any(row.interval is None for row in folds.rows):
         print(f"{NONE}: the free run diverged, or the recording is too short for an interval")
     rows = [
@@ -291,13 +292,13 @@ def _print_teacher(result: IdentificationResult) -> None:
     if all(row["teacher_to_measured"] is None for row in rows):
         print("these recordings hold no measured force to compare the teacher with")
         return
-    headings = ("model to teacher", "teacher to measured", "model to measured", "loss")
-    table = terminal.make_table("distillation loss, J in %", ("recording",), headings)
+    lines = []
     for row in rows:
         costs = (row["model_to_teacher"], row["teacher_to_measured"], row["model_to_measured"])
         loss = NONE if row["loss"] is None else f"{row['loss']:+.2f}"
-        table.add_row(row["recording"], *(NONE if c is None else percent(c) for c in costs), loss)
-    terminal.print_table(table)
+        lines.append((row["recording"], *(NONE if c is None else percent(c) for c in costs), loss))
+    headings = ("recording", "model to teacher", "teacher to measured", "model to measured", "loss")
+    terminal.print_table(terminal.lay_out(text_table(headings, lines, "distillation loss, J in %")))
     if any(None in row.values() for row in rows):
         print(f"{NONE}: a recording without a measured force, or a free run that diverged")
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 from rich.text import Text
 
-from ces_cli.terminal.terminal import lay_out, make_table, print_table, print_warning
+from ces_cli.terminal.terminal import lay_out, print_table, print_warning
 from ces_data.samples import Coverage
 from ces_identify.identification import CrossValidation
 from ces_identify.prepare.cost import EQUAL, Weighting
@@ -24,6 +24,7 @@ from ces_identify.validation.evaluate import (
     pool_evaluations,
 )
 from ces_observer.model import Model
+from ces_report.table import Table, text_table
 
 
 def print_costs(
@@ -77,15 +78,13 @@ def held_out_row(evaluations: Sequence[Evaluation]) -> dict[str, Any] | None:
     return {"J_percent": pooled.cost, "ci95_percent": _interval_as_list(pooled.interval)}
 
 
-def fold_table(result: CrossValidation) -> Table:
+def fold_table(result: CrossValidation) -> Table[Sequence[str]]:
     """Return a table with a row for each held-out recording, and the mean and spread of J."""
-    table = make_table("each recording held out once", ("recording",), ("fold", "J %", "95 %", "model"))
-    for row in result.rows:
-        table.add_row(row.recording, str(row.fold), percent(row.cost), interval_text(row.interval), row.model)
-    table.add_section()
+    rows = [(r.recording, str(r.fold), percent(r.cost), interval_text(r.interval), r.model) for r in result.rows]
     spread = f"spread {result.spread:.2f}" if math.isfinite(result.spread) else NONE
-    table.add_row("mean", "", percent(result.mean), spread, "")
-    return table
+    heads = ("recording", "fold", "J %", "95 %", "model")
+    table = text_table(heads, [*rows, ("mean", "", percent(result.mean), spread, "")], "each recording held out once")
+    return replace(table, group=lambda row: row[0] == "mean")
 
 
 def fold_rows(folds: CrossValidation) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import io
 import os
 import shlex
@@ -13,7 +12,7 @@ import textwrap
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from typing import Any, NoReturn, TextIO, TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.markup import escape
 from rich.table import Column, Table
 
@@ -164,27 +163,21 @@ def as_one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def make_table(title: str | None, left: Sequence[str], right: Sequence[str]) -> Table:
-    """Return an empty table: columns headed `left` hold texts that may wrap, columns headed `right` hold numbers."""
-    table = Table(title=title, title_justify="left", header_style="bold", padding=(0, 1, 0, 0), box=SIMPLE_HEAD)
-    for heading in left:
-        table.add_column(heading, overflow="fold")
-    for heading in right:
-        table.add_column(heading, justify="right", no_wrap=True)
-    return table
-
-
 def lay_out(table: declared.Table[R], style: Callable[[R], str] = lambda row: "") -> Table:
-    """Return a declared table for the terminal, without the columns for pages; `style` is that of a row."""
+    """Return a declared table for the terminal, without the columns for pages; `style` is that of a row.
+
+    Texts may wrap, figures do not.
+    """
+    made = Table(title=table.title or None, title_justify="left", header_style="bold", padding=(0, 1, 0, 0))
+    made.box = SIMPLE_HEAD
     columns = [c for c in table.columns if not c.page_only]
-    out_table = make_table(table.title or None, [c.short or c.heading for c in columns], ())
-    for column, declaration in zip(out_table.columns, columns, strict=True):
-        if declaration.figure:
-            column.justify, column.no_wrap = "right", True
+    for column in columns:
+        justify: JustifyMethod = "right" if column.figure else "left"
+        made.add_column(column.short or column.heading, justify=justify, no_wrap=column.figure, overflow="fold")
     groups = [None if table.group is None else table.group(row) for row in table.rows]
     for row, group, after in zip(table.rows, groups, [*groups[1:], None], strict=True):
-        out_table.add_row(*(escape(c.text(row)) for c in columns), style=style(row), end_section=group != after)
-    return out_table
+        made.add_row(*(escape(c.line(row)) for c in columns), style=style(row), end_section=group != after)
+    return made
 
 
 def print_table(table: Table) -> None:
@@ -215,13 +208,6 @@ def _measure_width(columns: Sequence[Column], table: Table) -> int:
         width += longest if column.no_wrap else min(longest, column.min_width or MIN_TEXT_WIDTH)
         width += sum(table.padding[1::2]) + 1
     return width
-
-
-def as_csv(rows: Iterable[Sequence[object]]) -> str:
-    """Return rows as CSV text."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
 
 
 def load_described_signals(options: argparse.Namespace) -> Signals:

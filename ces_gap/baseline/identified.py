@@ -19,6 +19,7 @@ from ces_data.reading import RecordingInputs, as_recordings
 from ces_data.recording import Recording
 from ces_gap.errors import GapError
 from ces_gap.grid import rms
+from ces_gap.limits import EvidenceLimits
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, resample_to_grid
 from ces_identify.identification import cross_fit
@@ -32,7 +33,6 @@ from ces_observer.model import Model
 
 MODEL = "model.json"
 STARTS = 2  # of a fit
-ERROR_MARGIN = 1.5  # times the RMS error by the band: models leave as much on experiments of another kind
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,10 @@ def identify_baseline(
 
     sizes = default_sizes()
     fitter: Fitter = BestStructure(sizes) if structure == AUTO else select_fitter(structure, sizes)
-    found = cross_fit(references, IdentifyOptions(limits=limits, band=False), listen, fitter)
+    fit = cross_fit(references, IdentifyOptions(limits=limits, band=False), listen, fitter)
     keys = [identify_recording(recording) for recording in references]
-    parts = tuple(BlindPart(keys[p.recording], p.start_s, p.stop_s, p.model) for p in found.parts)
-    return IdentifiedBaseline(found.result.model, parts)
+    parts = tuple(BlindPart(keys[p.recording], p.start_s, p.stop_s, p.model) for p in fit.parts)
+    return IdentifiedBaseline(fit.result.model, parts)
 
 
 def add_left_out_force(simulation: Simulation, trace: Trace) -> Trace:
@@ -135,7 +135,9 @@ def add_own_error(simulation: Simulation, trace: Trace) -> Trace:
     run = sample_run(model, trace.recording)
     width = band_half_width(model.band, run.series, run.run.force)[run.newest]
     half_N = rms(resample_to_grid(trace, np.where(run.newest < 0, np.nan, width))[trace.usable])
-    return replace(trace, own_error_N=ERROR_MARGIN * half_N / NormalDist().inv_cdf(0.5 + 0.5 * model.band.level))
+    return replace(
+        trace, own_error_N=EvidenceLimits.UNSEEN * half_N / NormalDist().inv_cdf(0.5 + 0.5 * model.band.level)
+    )
 
 
 def identify_recording(recording: Recording) -> str:

@@ -22,7 +22,8 @@ from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.effects.network import TwinRun
 from ces_gap.grid import thin_out
-from ces_gap.trace import CURRENT_AGE_S, Trace, TraceInputs
+from ces_gap.limits import RecordingLimits, TwinLimits
+from ces_gap.trace import Trace, TraceInputs
 from ces_identify.prepare.series import hold_current
 from ces_observer.errors import ModelError
 from ces_observer.fields import Field
@@ -31,8 +32,6 @@ from ces_observer.structures.hydraulic import Hydraulic
 
 SCHEMA = "ces-twin/1"
 STEP_S = 1e-3  # [s] longest step of a twin: half of it gains next to nothing
-CHANGE_ERROR = 3.0  # of a change of force by other motion over that of the force: assumed
-CURRENT_ERROR = 15.0  # the same by another current: 12 to 38 measured where recordings hold few currents
 MAX_TICKS = 400_000  # of all steps of one run: longer recordings get longer steps, down to the position's rate
 
 
@@ -51,7 +50,10 @@ class Twin(TraceSimulator):
 
     def change_error(self, inputs: TraceInputs) -> float:
         """Return the error of a change of force by other `inputs`, relative to the change."""
-        return min((CHANGE_ERROR if inputs.current_as_logged else CURRENT_ERROR) * 0.01 * self.cost_J, 1.0)
+        return min(
+            (TwinLimits.CHANGE_ERROR if inputs.current_as_logged else TwinLimits.CURRENT_ERROR) * 0.01 * self.cost_J,
+            1.0,
+        )
 
     def prepare_for(self, trace: Trace) -> TraceTwin:
         """Return the twin for this trace only, its force for the recorded inputs computed once."""
@@ -165,10 +167,12 @@ def sample_inputs(trace: Trace, steps: int) -> tuple[F, F, F, float]:
     step_s = float(base[1] - base[0]) / steps
     time_s = np.arange((len(base) - 1) * steps + 1) * step_s
     motion, inside = CubicSpline(trace.time_s, trace.inputs.position), np.minimum(time_s, trace.time_s[-1])
-    first = int(trace.recording.channel("position").stamps_ns[0])
-    current = hold_current(trace.recording, first + np.round(base * 1e9).astype(np.int64), CURRENT_AGE_S)
-    known = np.isfinite(current)
-    current = np.interp(base, base[known], current[known]) if known.any() else np.zeros_like(base)
+    start_ns = int(trace.recording.channel("position").stamps_ns[0])
+    current = hold_current(
+        trace.recording, start_ns + np.round(base * 1e9).astype(np.int64), RecordingLimits.CURRENT_AGE_S
+    )
+    finite = np.isfinite(current)
+    current = np.interp(base, base[finite], current[finite]) if finite.any() else np.zeros_like(base)
     current = np.repeat(current, steps)[: len(time_s)]
     return motion(inside), motion(inside, 1), current, step_s
 

@@ -19,6 +19,7 @@ from ces_data.arrays import F, I, Mask
 from ces_gap.baseline.twin import Twin, count_steps, sample_inputs
 from ces_gap.effects.network import column_response
 from ces_gap.grid import apply_response, derivative, is_constant, rms
+from ces_gap.limits import TwinLimits
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, usable_values
 from ces_identify.numerics.search import Limits
@@ -45,9 +46,7 @@ CURRENT_BINS = 6  # of the range of currents; a bin with MIN_BIN_SHARE of the ti
 MIN_BIN_SHARE, MIN_NODE_GAP = 0.02, 0.5  # the latter relative to a bin
 CONSTANT_REACH = 0.5  # of a constant current, by which the characteristic reaches beyond it
 MIN_REACH_A = 0.1
-MIN_RINGING = 0.2  # of the error's energy: a column of oil is tried (0.45 of a function with one, 0.01 without)
 MAX_UNDONE = 4.0  # gain by which a column's low-pass is undone at most: faster parts of a force are small
-MAX_OWN_COST_J = 3.0  # [%] of a model as its own twin: the observer's speed and ticks differ from the twin's
 
 
 def find_own_twin(simulation: Simulation, traces: Sequence[Trace]) -> Twin | None:
@@ -56,7 +55,7 @@ def find_own_twin(simulation: Simulation, traces: Sequence[Trace]) -> Twin | Non
     if not isinstance(inside, ModelSimulation) or not isinstance(inside.model.body, Hydraulic):
         return None
     twin = _with_cost(Twin(inside.model.body, 1.0 / inside.model.sampling.rate_Hz, 0.0), traces)
-    return twin if twin.cost_J < MAX_OWN_COST_J else None
+    return twin if twin.cost_J < TwinLimits.MAX_OWN_COST_J else None
 
 
 def _with_cost(twin: Twin, traces: Sequence[Trace]) -> Twin:
@@ -85,7 +84,9 @@ def find_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ig
 
 def _hash(traces: Sequence[Trace]) -> str:
     digest = hashlib.sha256(
-        repr((__version__, KINDS, GROOVED_KINDS, WORK, ROWS, STRENGTHS, MAX_TICKS, MAX_STEPS, MIN_RINGING)).encode()
+        repr(
+            (__version__, KINDS, GROOVED_KINDS, WORK, ROWS, STRENGTHS, MAX_TICKS, MAX_STEPS, TwinLimits.MIN_RINGING)
+        ).encode()
     )
     for trace in traces:
         for values in (trace.inputs.position, trace.inputs.current, trace.simulated):
@@ -102,8 +103,8 @@ def fit_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ign
     def listen(what: str) -> None:
         progress(f"fitting a twin of the simulation: {what}", 0.0)
 
-    def as_twin(found: tuple[PhysicalFit, float], column_s2: float = 0.0) -> Twin:
-        fit, step_s = found
+    def as_twin(network: tuple[PhysicalFit, float], column_s2: float = 0.0) -> Twin:
+        fit, step_s = network
         return Twin(fit.models.hold_pressures(fit.theta).body(fit.theta), step_s, fit.cost, column_s2)
 
     plain = fit_network(traces, STRENGTHS, threads, listen)
@@ -135,7 +136,7 @@ def find_column(twin: Twin, traces: Sequence[Trace]) -> float:
     weights = np.linalg.lstsq(matrix / size, error, rcond=None)[0] / size
     rest = error - matrix @ weights
     column_s2 = -float(weights[1])
-    asks = rest @ rest < (1.0 - MIN_RINGING) * (error @ error)
+    asks = rest @ rest < (1.0 - TwinLimits.MIN_RINGING) * (error @ error)
     return column_s2 if asks and column_s2 * (np.pi * traces[0].rate_Hz) ** 2 > 1.0 else 0.0
 
 
@@ -223,10 +224,10 @@ def build_training(traces: Sequence[Trace], count: int, max_ticks: int) -> tuple
         *rows, step_s = sample_inputs(trace, count)
         force = np.repeat(trace.simulated_at_base, count)[: len(rows[0])]
         ticks = np.arange(len(force))
-        known = np.interp(ticks * step_s, trace.time_s, trace.usable) > 0.99
+        usable_steps = np.interp(ticks * step_s, trace.time_s, trace.usable) > 0.99
         for window in _windows(len(force), max_ticks // len(traces), round(WINDOW_S / step_s / count) * count, count):
             at = ticks[window]
-            good = known[window] & (at % count == 0) & (at - at[0] >= START_UP_S / step_s)
+            good = usable_steps[window] & (at % count == 0) & (at - at[0] >= START_UP_S / step_s)
             inputs.append(np.stack([row[window] for row in rows]))
             measured.append(force[window])
             usable.append(good)

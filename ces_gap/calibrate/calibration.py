@@ -10,6 +10,7 @@ import numpy as np
 
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
+from ces_gap.baseline.wrappers import RememberedSimulation
 from ces_gap.calibrate.choice import ChosenExplanation, Hypothesis, choose
 from ces_gap.calibrate.fitting import (
     ParameterFit,
@@ -19,29 +20,23 @@ from ces_gap.calibrate.fitting import (
     smooth_traces,
     time_equal_calls,
 )
-from ces_gap.calibrate.free import FreeParameters, choose_free
-from ces_gap.calibrate.parameters import find_groups
-from ces_gap.calibrate.remembered import RememberedSimulation
+from ces_gap.calibrate.parameters import FreeParameters, choose_free, find_groups
 from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.library import library
 from ces_gap.errors import GapError
-from ces_gap.inference.fit import NEAR_BOUND, Z95, EffectFit, Estimate, estimate_parameters
+from ces_gap.inference.fit import Z95, EffectFit, Estimate, estimate_parameters
 from ces_gap.inference.held_out import HeldOutSeries
 from ces_gap.inputs.prepare import set_aside
+from ces_gap.limits import ParameterLimits, SearchLimits
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, gap_N, noise_floor_N
 from ces_identify.simulations.simulation import Simulation
 
-SLOW_S = 0.5  # [s] of a run over all recordings: with a slower simulation, effects that run it again are not tried
 RUNS = 50  # for each parameter and one more, measured: about as often a fit with the choice runs the simulation
-MAX_UNASKED_S = 1200.0  # [s] for which a diagnosis fits parameters that the user has not named
-MIN_TOLD_S = 30.0  # [s] of work that is told before it begins
 DECLARED = (
     "functions declare them by keyword-only arguments with defaults (*, seal_N=25.0); of models, hydraulic ones do"
 )
 WORSE = "the fitted values explain held-out recordings no better than the defaults, which are kept"
-OFF = 0.2  # of its default: a parameter that is off by as much is worth a remark where there is no gap
-DOUBTFUL = 3.0  # times its default or a third of it: beyond, a value is a doubt
 
 
 @dataclass(frozen=True)
@@ -63,15 +58,14 @@ class FittedParameter:
     @property
     def is_hidden(self) -> bool:
         """Whether it is clearly off, by itself: a remark where the gap is none."""
-        return not self.ci95[0] <= self.default <= self.ci95[1] and abs(self.value - self.default) > OFF * abs(
-            self.default
-        )
+        is_changed = not self.ci95[0] <= self.default <= self.ci95[1]
+        return is_changed and abs(self.value - self.default) > ParameterLimits.OFF * abs(self.default)
 
     @property
     def is_doubtful(self) -> bool:
         """Whether it is at its bound, or far from its default."""
-        ratio = self.value / self.default if self.default else 1.0
-        return self.determined and (self.at_bound or not 1.0 / DOUBTFUL <= ratio <= DOUBTFUL)
+        ratio, most = self.value / self.default if self.default else 1.0, ParameterLimits.DOUBTFUL
+        return self.determined and (self.at_bound or not 1.0 / most <= ratio <= most)
 
 
 @dataclass(frozen=True)
@@ -152,8 +146,8 @@ def calibrate(
         progress(f"fitting{told}", k / len(free.trials))
         results.append(fit_parameters(simulation, free, fitted, whole))
     best = min(results, key=lambda result: result.cost)
-    effects = [e for e in library() if not e.edits and not (e.reruns and seconds > SLOW_S)]
-    if seconds > SLOW_S:
+    effects = [e for e in library() if not e.edits and not (e.reruns and seconds > ParameterLimits.SLOW_S)]
+    if seconds > ParameterLimits.SLOW_S:
         free = replace(
             free, notes=(*free.notes, "effects that run the slow simulation again were not tried beside them")
         )
@@ -199,19 +193,21 @@ def free_parameters(
     traces = open_logged(simulation, real)
     seconds = time_equal_calls(simulation, real, traces, spec)
     runs = RUNS * (len(free.numbers) + 1)
-    if not fit and runs * seconds > MAX_UNASKED_S:
+    if not fit and runs * seconds > ParameterLimits.MAX_UNASKED_S:
         how = "name those that may be off with --fit, or run `ces calibrate`"
         note = f"the parameters keep their values: to fit them takes{tell_time(runs, seconds).strip(':')}; {how}"
         return FreedParameters(simulation, notes=(*free.notes, note))
     progress(f"fitting the simulation's parameters{tell_time(runs, seconds)}", 0.0)
     remembered, traces = RememberedSimulation(simulation), traces if has_held_out else set_aside(traces)[0]
-    found = fit_parameters(remembered, free, traces, {}, twin)
-    tried = [e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > SLOW_S)]
-    choice = choose(found, tried, progress)
-    best, *others = (_as_alternative(found, h) for h in (choice.best, *choice.alternatives))
+    fitted = fit_parameters(remembered, free, traces, {}, twin)
+    tried = [
+        e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > ParameterLimits.SLOW_S)
+    ]
+    choice = choose(fitted, tried, progress)
+    best, *others = (_as_alternative(fitted, h) for h in (choice.best, *choice.alternatives))
     changed = simulation.with_values({p.name: p.value for p in best.parameters})
-    whole = Hypothesis(found.determined, None, found.fit, 0.0)
-    hidden = [p for p in estimate(found, whole) if p.is_hidden] if choice.best.fit is None else []
+    every = Hypothesis(fitted.determined, None, fitted.fit, 0.0)
+    hidden = [p for p in estimate(fitted, every) if p.is_hidden] if choice.best.fit is None else []
     return FreedParameters(
         simulation=changed,
         freed=best.parameters,
@@ -233,7 +229,7 @@ def _note_hidden(p: FittedParameter) -> str:
 
 def tell_time(runs: int, seconds: float) -> str:
     """Return how long `runs` of the simulation take, `seconds` each; empty if that is not worth a word."""
-    if runs * seconds < MIN_TOLD_S:
+    if runs * seconds < ParameterLimits.MIN_TOLD_S:
         return ""
     return f": about {runs} runs of {seconds:.2g} s, {runs * seconds / 60.0:.0f} min"
 
@@ -267,10 +263,10 @@ def _assemble(
     return Calibration(spec, calibrated, parameters, *facts)
 
 
-def _as_alternative(found: ParameterFit, h: Hypothesis) -> Alternative:
+def _as_alternative(fitted: ParameterFit, h: Hypothesis) -> Alternative:
     settings = () if h.fit is None else h.fit.composition.settings
     effect = settings[-1] if settings and h.effect is not None else None
-    return Alternative(tuple(estimate(found, h)), effect, settings[0] if settings and h.places else None)
+    return Alternative(tuple(estimate(fitted, h)), effect, settings[0] if settings and h.places else None)
 
 
 def _list_whole(best: ParameterFit) -> list[FittedParameter]:
@@ -301,10 +297,12 @@ def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
     fitted = []
     for k, u, error in zip(h.places, h.fit.searched.tolist(), errors.tolist(), strict=False):
         p = found.effect.free[k]
-        (low, high), (first, last) = p.search_bounds(), sorted(map(p.to_value, (u - error, u + error)))
-        near, start = NEAR_BOUND * (high - low), p.to_search(p.starts[0])
+        (low, high), (low_end, high_end) = p.search_bounds(), sorted(map(p.to_value, (u - error, u + error)))
+        near, start = SearchLimits.NEAR_BOUND * (high - low), p.to_search(p.starts[0])
         stuck = (u - low < near or high - u < near) and abs(u - start) > near
-        fitted.append(FittedParameter(p.name, p.to_value(u), (first, last), p.starts[0], True, stuck, units[p.name]))
+        fitted.append(
+            FittedParameter(p.name, p.to_value(u), (low_end, high_end), p.starts[0], True, stuck, units[p.name])
+        )
     return fitted
 
 

@@ -16,18 +16,15 @@ from itertools import combinations
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.calibrate.fitting import VISIBLE, ParameterFit
-from ces_gap.calibrate.parameters import MIN_PIVOT, size_of
+from ces_gap.calibrate.fitting import ParameterFit
+from ces_gap.calibrate.parameters import size_of
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.fit import EffectFit, fit_from, fit_promising, fit_to_the_end, linearise
 from ces_gap.inference.rare import find_rare_deviation
-from ces_gap.inference.search import NEGLIGIBLE_SHARE, PARAMETER
+from ces_gap.limits import EvidenceLimits, ParameterLimits, SearchLimits, VerdictLimits
 from ces_gap.progress import Progress, ignore_progress
 
-MAX_REST = 0.5  # of a rest that is a visible gap by itself: what explains more of it is found beside the parameters
 CANDIDATES = 3  # effects that are tried beside the parameters: of the best without and of the best beside them
-SAME = 10.0  # whitened energy, of noise alone: an effect that leaves as little as parameters to this is what they are
-MAX_FREED = 4  # parameters that are freed together, unless all are
 MAX_SETS = 2000  # of one size; of very many parameters fewer are freed together
 MAX_REFITS = 8  # hypotheses that are refitted, best first
 MAX_ALIKE = 3  # more of them, which leave as little with no more causes
@@ -53,7 +50,7 @@ class Hypothesis:
 
     def cost(self, energy: float) -> float:
         """Return the energy left and the price of each parameter in a gap of this energy."""
-        return self.left + PARAMETER * energy * (0 if self.fit is None else len(self.fit.searched))
+        return self.left + SearchLimits.PARAMETER * energy * (0 if self.fit is None else len(self.fit.searched))
 
 
 @dataclass(frozen=True)
@@ -65,97 +62,102 @@ class ChosenExplanation:
     whole: EffectFit | None
 
 
-def choose(found: ParameterFit, effects: Sequence[Effect], progress: Progress = ignore_progress) -> ChosenExplanation:
-    """Return the choice among the parameters that were `found` and the effects."""
-    residual, energy = found.default_residual, found.gap_energy
+def choose(fitted: ParameterFit, effects: Sequence[Effect], progress: Progress = ignore_progress) -> ChosenExplanation:
+    """Return the choice among the parameters that were fitted and the effects."""
+    residual, energy = fitted.default_residual, fitted.gap_energy
     nothing = Hypothesis((), None, None, float(residual @ residual))
-    if energy <= VISIBLE**2 * len(residual) and not _has_rare_deviation(found):
-        return ChosenExplanation(nothing, (), found.fit)
-    alone = fit_promising(found.evidence, effects, CANDIDATES, progress)
-    all_freed = found.beside(found.determined, found.searched[list(found.determined)])
-    joints = _fit_beside(found, alone, fit_promising(all_freed, effects, CANDIDATES, progress))
-    tangents, simple = [_Tangent.at(found, j) for j in joints], [nothing, *(_hypothesis(found, (), f) for f in alone)]
-    best, *others = _refit_best(found, tangents, simple, energy, progress)
+    if energy <= EvidenceLimits.VISIBLE**2 * len(residual) and not _has_rare_deviation(fitted):
+        return ChosenExplanation(nothing, (), fitted.fit)
+    alone = fit_promising(fitted.evidence, effects, CANDIDATES, progress)
+    all_freed = fitted.beside(fitted.determined, fitted.searched[list(fitted.determined)])
+    joints = _fit_beside(fitted, alone, fit_promising(all_freed, effects, CANDIDATES, progress))
+    tangents, simple = [_Tangent.at(fitted, j) for j in joints], [nothing, *(_hypothesis(fitted, (), f) for f in alone)]
+    best, *others = _refit_best(fitted, tangents, simple, energy, progress)
     rest = best.left - len(residual)
-    if rest > VISIBLE**2 * len(residual) or _has_rare_deviation(found, best):  # left, and small beside the first gap
-        rest = max(rest, SAME / PARAMETER)
-        again, *ties = _refit_best(found, tangents, simple, rest, progress)
-        if again.left - len(residual) < MAX_REST * rest:
+    is_left = rest > EvidenceLimits.VISIBLE**2 * len(residual) or _has_rare_deviation(fitted, best)
+    if is_left:  # and small beside the first gap
+        rest = max(rest, ParameterLimits.SAME_ENERGY / SearchLimits.PARAMETER)
+        again, *ties = _refit_best(fitted, tangents, simple, rest, progress)
+        if again.left - len(residual) < VerdictLimits.HALF * rest:
             best, others, energy = again, ties, rest
-    instead = _replace_parameters(found, best, effects, progress) if best.effect is None else []
-    best, *others = _choose_minimal([_finish(found, h) for h in (best, *others, *instead)], energy, len(residual))
-    whole = next((j for j in joints if _effect_of(found, j) == best.effect), found.fit)
+    instead = _replace_parameters(fitted, best, effects, progress) if best.effect is None else []
+    best, *others = _choose_minimal([_finish(fitted, h) for h in (best, *others, *instead)], energy, len(residual))
+    whole = next((j for j in joints if _effect_of(fitted, j) == best.effect), fitted.fit)
     return ChosenExplanation(
-        best, tuple(others), whole and fit_to_the_end(found.evidence, whole.effects, whole.searched)
+        best, tuple(others), whole and fit_to_the_end(fitted.evidence, whole.effects, whole.searched)
     )
 
 
-def _has_rare_deviation(found: ParameterFit, h: Hypothesis | None = None) -> bool:
+def _has_rare_deviation(fitted: ParameterFit, h: Hypothesis | None = None) -> bool:
     """Return whether a short deviation stands out from the simulation, or from a hypothesis."""
-    forces = found.evidence.forces(h.fit.composition) if h is not None and h.fit is not None else found.evidence.alone
-    return find_rare_deviation(found.evidence.traces, forces) is not None
+    forces = fitted.evidence.forces(h.fit.composition) if h is not None and h.fit is not None else fitted.evidence.alone
+    return find_rare_deviation(fitted.evidence.traces, forces) is not None
 
 
 def _refit_best(
-    found: ParameterFit,
+    fitted: ParameterFit,
     tangents: Sequence[_Tangent],
     simple: Sequence[Hypothesis],
     energy: float,
     progress: Progress = ignore_progress,
 ) -> list[Hypothesis]:
     """Return the best hypothesis and its alternatives; a parameter costs its share of a gap of this energy."""
-    drafts = _without_needless([d for tangent in tangents for d in tangent.drafts(PARAMETER * energy)])
-    best, noise = drafts[0], len(found.default_residual)
+    drafts = _without_needless([d for tangent in tangents for d in tangent.drafts(SearchLimits.PARAMETER * energy)])
+    best, noise = drafts[0], len(fitted.default_residual)
     close = [d for d in drafts if d.cost < best.cost + REFIT_SHARE * energy][:MAX_REFITS]
     alike = [d for d in drafts if d.left < best.left + noise and len(d.members) <= len(best.members)]
     close += [d for d in alike if d not in close][:MAX_ALIKE]
     refitted = []
     for k, draft in enumerate(close):
         progress("refitting explanations", k / len(close))
-        refitted.append(_hypothesis(found, draft.places, fit_from(found.evidence, draft.effects(found), draft.start)))
+        refitted.append(
+            _hypothesis(fitted, draft.places, fit_from(fitted.evidence, draft.effects(fitted), draft.start))
+        )
     return _choose_minimal([*simple, *refitted], energy, noise)
 
 
 def _replace_parameters(
-    found: ParameterFit, best: Hypothesis, effects: Sequence[Effect], progress: Progress
+    fitted: ParameterFit, best: Hypothesis, effects: Sequence[Effect], progress: Progress
 ) -> list[Hypothesis]:
     """Return the hypotheses with an effect in the place of each parameter of the best one."""
     instead = []
     for k in range(len(best.places) if best.fit is not None else 0):
         places, at = best.places[:k] + best.places[k + 1 :], np.delete(best.fit.searched, k)  # type: ignore[union-attr]
-        for f in fit_promising(found.beside(places, at), effects, 1, progress):
+        for f in fit_promising(fitted.beside(places, at), effects, 1, progress):
             start = np.concatenate([at, f.searched])
             instead.append(
-                _hypothesis(found, places, fit_from(found.evidence, found.beside_effect(f.effects[0], places), start))
+                _hypothesis(
+                    fitted, places, fit_from(fitted.evidence, fitted.beside_effect(f.effects[0], places), start)
+                )
             )
     return instead
 
 
-def _hypothesis(found: ParameterFit, places: tuple[int, ...], fit: EffectFit) -> Hypothesis:
-    return Hypothesis(places, _effect_of(found, fit), fit, fit.cost)
+def _hypothesis(fitted: ParameterFit, places: tuple[int, ...], fit: EffectFit) -> Hypothesis:
+    return Hypothesis(places, _effect_of(fitted, fit), fit, fit.cost)
 
 
-def _finish(found: ParameterFit, h: Hypothesis) -> Hypothesis:
+def _finish(fitted: ParameterFit, h: Hypothesis) -> Hypothesis:
     """Return the hypothesis with its fit continued to the end."""
     if h.fit is None:
         return h
-    return _hypothesis(found, h.places, fit_to_the_end(found.evidence, h.fit.effects, h.fit.searched))
+    return _hypothesis(fitted, h.places, fit_to_the_end(fitted.evidence, h.fit.effects, h.fit.searched))
 
 
-def _effect_of(found: ParameterFit, fit: EffectFit) -> Effect | None:
+def _effect_of(fitted: ParameterFit, fit: EffectFit) -> Effect | None:
     """Return the effect of a fit, None if it has parameters of the simulation alone."""
-    return None if fit.effects[-1].name == found.effect.name else fit.effects[-1]
+    return None if fit.effects[-1].name == fitted.effect.name else fit.effects[-1]
 
 
-def _fit_beside(found: ParameterFit, alone: Sequence[EffectFit], beside: Sequence[EffectFit]) -> list[EffectFit]:
+def _fit_beside(fitted: ParameterFit, alone: Sequence[EffectFit], beside: Sequence[EffectFit]) -> list[EffectFit]:
     """Return the fits of all parameters without an effect, and with each of those that promise most."""
-    if found.fit is None:
+    if fitted.fit is None:
         return list(alone)
-    start = found.start[list(found.determined)]
+    start = fitted.start[list(fitted.determined)]
     starts = {(f.names, f.effects[0].form): np.concatenate([start, f.searched]) for f in alone}
-    starts |= {(f.names, f.effects[0].form): np.concatenate([found.fit.searched, f.searched]) for f in beside}
+    starts |= {(f.names, f.effects[0].form): np.concatenate([fitted.fit.searched, f.searched]) for f in beside}
     effects = {(f.names, f.effects[0].form): f.effects[0] for f in (*alone, *beside)}
-    return [found.fit, *(fit_from(found.evidence, found.beside_effect(effects[k]), at) for k, at in starts.items())]
+    return [fitted.fit, *(fit_from(fitted.evidence, fitted.beside_effect(effects[k]), at) for k, at in starts.items())]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +170,8 @@ class _Draft:
     cost: float
     start: F
 
-    def effects(self, found: ParameterFit) -> tuple[Effect, ...]:
-        return found.beside_effect(self.effect, self.places)
+    def effects(self, fitted: ParameterFit) -> tuple[Effect, ...]:
+        return fitted.beside_effect(self.effect, self.places)
 
     @property
     def members(self) -> frozenset[object]:
@@ -180,7 +182,7 @@ class _Draft:
 class _Tangent:
     """The energy left around a fit as a quadratic function of all parameters and those of its effect."""
 
-    found: ParameterFit
+    fitted: ParameterFit
     effect: Effect | None
     searched: F  # (p + q,)
     energy: float
@@ -188,39 +190,39 @@ class _Tangent:
     slope: F
 
     @classmethod
-    def at(cls, found: ParameterFit, joint: EffectFit) -> _Tangent:
-        effect, count = _effect_of(found, joint), len(found.determined) if found.fit is not None else 0
-        at = found.start
-        at[list(found.determined)] = joint.searched[:count]
+    def at(cls, fitted: ParameterFit, joint: EffectFit) -> _Tangent:
+        effect, count = _effect_of(fitted, joint), len(fitted.determined) if fitted.fit is not None else 0
+        at = fitted.start
+        at[list(fitted.determined)] = joint.searched[:count]
         searched = np.concatenate([at, joint.searched[count:]])
-        every = range(len(found.effect.free))
+        every = range(len(fitted.effect.free))
         residual, jacobian = joint.residual, joint.jacobian
         if count < len(every):
-            residual, jacobian = linearise(found.evidence, found.beside_effect(effect, every), searched)
-        return cls(found, effect, searched, float(residual @ residual), jacobian.T @ jacobian, jacobian.T @ residual)
+            residual, jacobian = linearise(fitted.evidence, fitted.beside_effect(effect, every), searched)
+        return cls(fitted, effect, searched, float(residual @ residual), jacobian.T @ jacobian, jacobian.T @ residual)
 
     def drafts(self, price: float) -> list[_Draft]:
         """Return every hypothesis of this effect and a few parameters, or all, that the data determine together."""
-        count = len(self.found.effect.free)
+        count = len(self.fitted.effect.free)
         few: list[tuple[int, ...]] = []
-        for size in range(min(MAX_FREED, count) + 1):
+        for size in range(min(ParameterLimits.MAX_FREED, count) + 1):
             few += combinations(range(count), size) if math.comb(count, size) <= MAX_SETS else ()
-        found = [self._draft(places, price) for places in dict.fromkeys((*few, self.found.determined))]
-        return [draft for draft in found if draft is not None]
+        drafts = [self._draft(places, price) for places in dict.fromkeys((*few, self.fitted.determined))]
+        return [draft for draft in drafts if draft is not None]
 
     def _draft(self, places: tuple[int, ...], price: float) -> _Draft | None:
         """Return the hypothesis with the other parameters at their defaults; None if it is not determined."""
-        count = len(self.found.effect.free)
+        count = len(self.fitted.effect.free)
         free = [*places, *range(count, len(self.searched))]
         held = [k for k in range(count) if k not in places]
         if not free:
             return None
-        back = self.found.start[held] - self.searched[held]
+        back = self.fitted.start[held] - self.searched[held]
         block, right = self.gram[np.ix_(free, free)], self.slope[free] - self.gram[np.ix_(free, held)] @ back
         size = np.sqrt(np.maximum(np.diag(block), 1e-300))
         inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
-        sizes = np.array([size_of(self.found.effect.free[k]) for k in places])
-        if (MIN_PIVOT * np.sqrt(np.diag(inverse)[: len(places)]) > sizes).any():
+        sizes = np.array([size_of(self.fitted.effect.free[k]) for k in places])
+        if (EvidenceLimits.SURE * np.sqrt(np.diag(inverse)[: len(places)]) > sizes).any():
             return None
         moved = inverse @ right
         returned = float(back @ self.gram[np.ix_(held, held)] @ back - 2.0 * self.slope[held] @ back)
@@ -245,7 +247,7 @@ def _choose_minimal(hypotheses: Sequence[Hypothesis], energy: float, noise: floa
     rate, is that parameter.
     """
     ranked = sorted(hypotheses, key=lambda h: h.cost(energy))
-    best, margin = ranked[0], min(NEGLIGIBLE_SHARE * energy, noise)
+    best, margin = ranked[0], min(SearchLimits.NEGLIGIBLE * energy, noise)
     close = [
         h
         for h in ranked
@@ -254,7 +256,9 @@ def _choose_minimal(hypotheses: Sequence[Hypothesis], energy: float, noise: floa
     ]
     minimal = [h for h in close if not any(other.members < h.members for other in close)]
     without = [h.left for h in minimal if h.effect is None]
-    minimal = [h for h in minimal if h.effect is None or all(abs(h.left - o) > SAME for o in without)]
+    minimal = [
+        h for h in minimal if h.effect is None or all(abs(h.left - o) > ParameterLimits.SAME_ENERGY for o in without)
+    ]
     seen: dict[frozenset[object], Hypothesis] = {}
     for h in minimal:
         seen.setdefault(h.members, h)

@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -20,19 +21,26 @@ from ces_data.recording import Recording
 from ces_gap.baseline.identified import add_own_error
 from ces_gap.baseline.learner import NoiseModel, make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
-from ces_gap.calibrate.free import FreeParameters
-from ces_gap.calibrate.parameters import SimulationParameters, find_determined, signatures, values_of, with_steps
+from ces_gap.baseline.wrappers import RememberedSimulation
+from ces_gap.calibrate.parameters import (
+    FreeParameters,
+    SimulationParameters,
+    choose_free,
+    find_determined,
+    signatures,
+    values_of,
+    with_steps,
+)
 from ces_gap.effects.effect import Effect
 from ces_gap.errors import GapError
 from ces_gap.grid import rms
-from ces_gap.inference.evidence import MIN_NOISE_N, NUMERICAL_ERROR, Evidence, gather
+from ces_gap.inference.evidence import Evidence, gather, least_noise_N
 from ces_gap.inference.fit import EffectFit, fit_to_the_end
-from ces_gap.inference.search import MIN_GAP_ENERGY
 from ces_gap.inputs.checks import exclude_saturated_ticks
-from ces_gap.trace import Trace, make_trace, noise_floor_N, own_error_N, require_usable, smooth_recording, usable_values
+from ces_gap.limits import EvidenceLimits, ParameterLimits
+from ces_gap.trace import Trace, make_trace, own_error_N, require_usable, smooth_recording
 from ces_identify.simulations.simulation import Simulation
 
-VISIBLE = 2.0  # deviations of the noise: a gap up to this is none (without this gate clean simulations are blamed)
 SAME = 1e-9  # of the force: by as much two equal calls may differ
 BIG = 1e3  # deviations by which the force may be off in a direction that the parameters fill
 
@@ -58,14 +66,14 @@ def smooth_traces(simulation: Simulation, traces: Sequence[Trace]) -> list[Trace
 def time_equal_calls(simulation: Simulation, real: Sequence[Recording], traces: Sequence[Trace], spec: str) -> float:
     """Return the seconds of a run over all recordings; raises GapError if it differs from the run before."""
     begun = time.monotonic()
-    again = [make_trace(r, simulation.force(r), t.measured_noise) for r, t in zip(real, traces, strict=True)]
+    repeated = [make_trace(r, simulation.force(r), t.measured_noise) for r, t in zip(real, traces, strict=True)]
     seconds = time.monotonic() - begun
-    for one, two in zip(traces, again, strict=True):
-        difference = rms((one.simulated - two.simulated)[one.usable])
-        if difference > SAME * rms(one.simulated[one.usable]):
+    for trace, second in zip(traces, repeated, strict=True):
+        difference = rms((trace.simulated - second.simulated)[trace.usable])
+        if difference > SAME * rms(trace.simulated[trace.usable]):
             raise GapError(
-                f"{spec}: two equal calls on {one.name} differ by {difference:.2g} N RMS, so it keeps a state or draws "
-                "random numbers; expected a function of its arguments alone: begin each call anew"
+                f"{spec}: two equal calls on {trace.name} differ by {difference:.2g} N RMS, so it keeps a state or "
+                "draws random numbers; expected a function of its arguments alone: begin each call anew"
             )
     return seconds
 
@@ -115,7 +123,7 @@ class ParameterFit:
     def gap_energy(self) -> float:
         """Whitened energy of the gap at the defaults, above the noise's."""
         residual = self.default_residual
-        return max(float(residual @ residual) - len(residual), MIN_GAP_ENERGY * len(residual))
+        return max(float(residual @ residual) - len(residual), EvidenceLimits.MIN_GAP_ENERGY * len(residual))
 
     @property
     def cost(self) -> float:
@@ -135,12 +143,11 @@ class ParameterFit:
 
 
 def unexplained_N(traces: Sequence[Trace]) -> float:
-    """Return the RMS [N] that no parameter explains: a gap of VISIBLE times as much is none.
+    """Return the RMS [N] that no parameter explains: a gap of `EvidenceLimits.VISIBLE` times as much is none.
 
-    It is noise, at least the numerical error of simulations, and of an identified model the limit of its own error.
+    It is noise, and of an identified model the limit of its own error.
     """
-    numerical_N = NUMERICAL_ERROR * rms(usable_values(traces, [t.force for t in traces]))
-    return math.hypot(max(noise_floor_N(traces), numerical_N, MIN_NOISE_N), own_error_N(traces) / VISIBLE)
+    return math.hypot(least_noise_N(traces), own_error_N(traces) / EvidenceLimits.VISIBLE)
 
 
 def fit_parameters(
@@ -155,10 +162,10 @@ def fit_parameters(
     `whole` numbers are set first. Effects inside the damper will be put into its `twin`.
     """
     smooth, noise = smooth_traces(simulation, logged), make_white_noise(unexplained_N(logged))
-    first, second = (_fit_on(simulation, free, traces, whole, twin, noise) for traces in (logged, smooth))
-    if first.cost <= second.cost:
-        return replace(first, others=tuple(smooth))
-    return replace(second, others=tuple(logged), is_smoothed=True)
+    on_logged, on_smooth = (_fit_on(simulation, free, traces, whole, twin, noise) for traces in (logged, smooth))
+    if on_logged.cost <= on_smooth.cost:
+        return replace(on_logged, others=tuple(smooth))
+    return replace(on_smooth, others=tuple(logged), is_smoothed=True)
 
 
 def _fit_on(
@@ -180,10 +187,10 @@ def _fit_on(
     jacobian = evidence.whiten(signatures(effect, at, evidence.traces))
     fit, determined = None, tuple[int, ...]()
     for _ in range(2):
-        found = tuple(find_determined(jacobian, effect.free))
-        if found == determined:
+        now_determined = tuple(find_determined(jacobian, effect.free))
+        if now_determined == determined:
             break
-        determined = found
+        determined = now_determined
         start, held = at[list(determined)], effect.hold_others(determined)
         fit = fit_to_the_end(evidence, (held,), start) if determined else None
         at = np.array([p.to_search(p.starts[0]) for p in effect.free])
@@ -192,9 +199,33 @@ def _fit_on(
     return ParameterFit(evidence, effect, whole, whole_defaults, fit, at, jacobian, determined, twin)
 
 
-def fit_on_others(found: ParameterFit, fit: EffectFit) -> F:
+def fit_on_others(fitted: ParameterFit, fit: EffectFit) -> F:
     """Return the searched values (q,) of a fit on the other position."""
-    simulator = DirectSimulator(found.effect.simulation)
-    traces = [replace(t, simulated=simulator.force(t, t.inputs)) for t in found.others]
-    evidence = gather(traces, Plant(simulator, twin=found.twin), found.evidence.noise)
+    simulator = DirectSimulator(fitted.effect.simulation)
+    traces = [replace(t, simulated=simulator.force(t, t.inputs)) for t in fitted.others]
+    evidence = gather(traces, Plant(simulator, twin=fitted.twin), fitted.evidence.noise)
     return fit_to_the_end(evidence, fit.effects, fit.searched).searched
+
+
+def changed_parameters(
+    simulation: Simulation, spec: str, evidence: Evidence, fit: Sequence[str]
+) -> list[SimulationParameters]:
+    """Return the forms of the effect that parameters named by `fit` have changed; none if nothing is determined."""
+    free = choose_free(simulation, fit, spec).numbers
+    whole = SimulationParameters(RememberedSimulation(simulation), free, adds=True)
+    whole = with_steps(whole, evidence.traces, evidence.noise.rms_N)
+    start = np.array([p.to_search(p.starts[0]) for p in free])
+    jacobian = evidence.whiten(signatures(whole, start, evidence.traces))
+    residual, determined = evidence.residual(evidence.alone), find_determined(jacobian, free)
+    forms = []
+    count = len(determined)
+    for size in {*range(1, min(ParameterLimits.MAX_FREED, count) + 1), *([count] if count else [])}:
+        steps = {places: _step(jacobian[:, places], residual) for places in combinations(determined, size)}
+        best = max(steps, key=lambda places: float(steps[places] @ jacobian[:, places].T @ residual))
+        forms.append(whole.hold_others(best).begin_at(start[list(best)] + steps[best]))
+    return forms
+
+
+def _step(jacobian: F, residual: F) -> F:
+    """Return the Gauss-Newton step (p,) that explains a residual (r,)."""
+    return np.asarray(np.linalg.lstsq(jacobian, residual, rcond=1e-9)[0])

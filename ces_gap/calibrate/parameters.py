@@ -1,12 +1,16 @@
-"""The parameters of a simulation as one effect: force + f(θ) - f(default) at the driven inputs.
+"""The parameters of a simulation: which are fitted within which range, and all of them as one effect.
 
-So they are fitted, cross-validated and combined with missing effects by the same functions as those.
+The effect is force + f(θ) - f(default) at the driven inputs. So parameters are fitted, cross-validated and combined
+with missing effects by the same functions as those. `--fit NAME[=LOW..HIGH]` chooses parameters and bounds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +20,16 @@ from scipy.sparse.csgraph import connected_components
 from ces_data.arrays import F
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.effects.effect import SIMULATION, Composition, Effect, EffectParameter
+from ces_gap.errors import GapError
 from ces_gap.grid import rms
+from ces_gap.inference.judgement import PARAMETERS
+from ces_gap.limits import EvidenceLimits, ParameterLimits
 from ces_gap.trace import Trace, TraceInputs, resample_to_grid, usable_values
+from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
-NAME = "parameters"
 FIRST_STEP, MIN_STEP, MAX_STEP = 0.02, 1e-4, 0.25  # of a parameter's size, by which it is changed for a derivative
-MIN_PIVOT = 3.0  # deviations of the noise by which a change of a parameter's own size moves the force, others refitted
-SHARE = 0.2  # of a parameter's signature that another one makes up, from which the two move together
-MOVES_TOGETHER = 0.95  # correlation of two estimates
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,7 @@ class SimulationParameters(Effect):
     adds: bool = False  # to a force that holds more than the simulation's: a correction, or an effect in its twin
     begin: tuple[float, ...] = ()  # of a search, besides the defaults
 
-    name, form, stage = NAME, "values", SIMULATION
+    name, form, stage = PARAMETERS, "values", SIMULATION
     summary = "numbers of the simulation are off"
 
     @property
@@ -132,7 +136,7 @@ def find_determined(jacobian: F, parameters: Sequence[EffectParameter]) -> list[
         return []
     sized = jacobian * np.array([size_of(p) for p in parameters])
     pivots, order = qr(sized, mode="r", pivoting=True)
-    clear = np.abs(np.diag(pivots)) > MIN_PIVOT
+    clear = np.abs(np.diag(pivots)) > EvidenceLimits.SURE
     return sorted(order[: len(clear)][clear].tolist())
 
 
@@ -144,7 +148,8 @@ def find_groups(jacobian: F, covariance: F, determined: Sequence[int], names: Se
         if not (size := float(np.linalg.norm(jacobian[:, k]))) or not len(determined):
             continue
         weights = np.linalg.lstsq(columns, jacobian[:, k], rcond=1e-9)[0] * np.linalg.norm(columns, axis=0)
-        near = [names[j] for j, w in zip(determined, weights.tolist(), strict=True) if abs(w) > SHARE * size]
+        least = ParameterLimits.MAX_SHARED * size
+        near = [names[j] for j, w in zip(determined, weights.tolist(), strict=True) if abs(w) > least]
         groups += [(names[k], *near)] if near else []
     return groups + _find_correlated(covariance, [names[k] for k in determined])
 
@@ -154,7 +159,7 @@ def _find_correlated(covariance: F, names: Sequence[str]) -> list[tuple[str, ...
     if not len(names):
         return []
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    close: NDArray[np.bool_] = np.abs(covariance / np.outer(size, size)) > MOVES_TOGETHER
+    close: NDArray[np.bool_] = np.abs(covariance / np.outer(size, size)) > ParameterLimits.MAX_CORRELATION
     count, group = connected_components(close, directed=False)
     groups = [tuple(name for name, own in zip(names, group, strict=True) if own == k) for k in range(count)]
     return [names for names in groups if len(names) > 1]
@@ -167,5 +172,96 @@ def values_of(effect: SimulationParameters, searched: F) -> dict[str, float]:
 
 def parameter_values(composition: Composition) -> dict[str, float]:
     """Return the values of the simulation's parameters in a composition."""
-    own = [s for s in composition.settings if s.name == NAME]
+    own = [s for s in composition.settings if s.name == PARAMETERS]
     return {p.name: value for s in own for p, value in zip(s.effect.parameters, s.values, strict=True)}
+
+
+NONE = "none"  # as the only word of --fit: all parameters stay as they are
+WORD = re.compile(r"([^=]+)(?:=(.+)\.\.(.+))?")
+
+
+@dataclass(frozen=True)
+class FreeParameters:
+    """What is fitted: `numbers` continuously, `whole` ones by trying each value; `notes` say why others are not."""
+
+    numbers: tuple[EffectParameter, ...]
+    whole: Mapping[str, tuple[int, ...]]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def trials(self) -> list[dict[str, float]]:
+        """Every combination of the whole numbers; one without any if there are none."""
+        return [dict(zip(self.whole, map(float, values), strict=True)) for values in product(*self.whole.values())]
+
+
+def choose_free(simulation: Simulation, words: Sequence[str], spec: str) -> FreeParameters:
+    """Return the parameters that `words` (NAME or NAME=LOW..HIGH) name, all that can be fitted if there are none.
+
+    Raises GapError for an unknown name, a range that is none, and a default that gives no range.
+    """
+    declared = {p.name: p for p in simulation.parameters}
+    if list(words) == [NONE]:
+        return FreeParameters((), {})
+    ranges = dict(map(_read_word, words))
+    for name in ranges:
+        if name not in declared:
+            has = f"it has {', '.join(declared)}" if declared else "it declares none by keyword-only arguments"
+            raise GapError(f"--fit {name}: {spec} has no such parameter; {has}")
+    chosen = [p for p in declared.values() if not ranges or p.name in ranges]
+    skipped = {p.name: _why_not(p) for p in chosen if ranges.get(p.name) is None and _why_not(p)}
+    if ranges and skipped:
+        raise GapError("; ".join(f"--fit {name}: {why}" for name, why in skipped.items()))
+    whole = {p.name: _whole_values(p, ranges[p.name]) for p in chosen if p.whole and p.name not in skipped}
+    free = FreeParameters(
+        tuple(_as_searched(p, ranges.get(p.name)) for p in chosen if not p.whole and p.name not in skipped),
+        whole,
+        tuple(f"{name} is not fitted: {why}" for name, why in skipped.items()),
+    )
+    if len(free.trials) > ParameterLimits.MAX_TRIALS:
+        raise GapError(
+            f"--fit: {len(free.trials)} combinations of whole numbers; expected at most {ParameterLimits.MAX_TRIALS}"
+        )
+    return free
+
+
+def _read_word(word: str) -> tuple[str, tuple[float, float] | None]:
+    match = WORD.fullmatch(word)
+    try:
+        if match is None:
+            raise ValueError
+        if match[2] is None:
+            return match[1], None
+        low, high = float(match[2]), float(match[3])
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise ValueError
+    except ValueError:
+        raise GapError(f"--fit {word}: expected NAME or NAME=LOW..HIGH, as knee_m_s=0.05..0.3") from None
+    return match[1], (low, high)
+
+
+def _why_not(p: Parameter) -> str:
+    """Return why a parameter cannot be fitted without a range, empty if it can."""
+    if p.whole:
+        return (
+            f"it is a whole number ({p.default:g}); give --fit {p.name}=LOW..HIGH to try each, or write {p.default:g}.0"
+        )
+    if p.default == 0.0 and not (math.isfinite(p.low) and math.isfinite(p.high)):
+        return f"its default of 0 gives no range; give --fit {p.name}=LOW..HIGH"
+    return ""
+
+
+def _whole_values(p: Parameter, ends: tuple[float, float] | None) -> tuple[int, ...]:
+    low, high = ends or (p.low, p.high)
+    return tuple(range(math.ceil(low), math.floor(high) + 1))
+
+
+def _as_searched(p: Parameter, ends: tuple[float, float] | None) -> EffectParameter:
+    """Return the parameter with its scale and bounds: logarithmic where all of them are positive."""
+    around = sorted((p.default / ParameterLimits.RANGE_FACTOR, p.default * ParameterLimits.RANGE_FACTOR))
+    low, high = ends or (max(p.low, around[0]), min(p.high, around[1]))
+    if not ends and p.default == 0.0:
+        low, high = p.low, p.high
+    start = min(max(p.default, low), high)
+    if not low < high or start != p.default:
+        raise GapError(f"--fit {p.name}={low:g}..{high:g}: expected a range around its default of {p.default:g}")
+    return EffectParameter(p.name, low, high, (start,), f"default {p.default:.4g}", "log" if low > 0.0 else "linear")

@@ -19,8 +19,8 @@ from ces_gap.effects.library.inertia import Inertia
 from ces_gap.effects.library.mount_compliance import MountCompliance
 from ces_gap.effects.library.valve_lag import ValveLag
 from ces_gap.effects.network import TwinRun
-from ces_gap.effects.simulation_errors import MAP_SHARE
 from ces_gap.errors import GapError
+from ces_gap.limits import SearchLimits
 from ces_identify.physical.quantities import read_quantities
 from ces_observer.errors import ModelError
 from ces_observer.records import bounded, part, read_record, write_record
@@ -63,7 +63,7 @@ class NetworkPart(Effect):
 class Recalibration(NetworkPart):
     """The network in place of the simulation: F + share (network - F)."""
 
-    name, stage, prior_share = "calibration", SIMULATION, MAP_SHARE
+    name, stage, prior_share = "calibration", SIMULATION, SearchLimits.MAP
     summary, needs = "the simulation's force map is off", "speeds or currents at which the simulation is off"
 
     def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from ces_data.arrays import F
 from ces_gap.effects.effect import SIMULATION, Effect, EffectParameter, magnitude
 from ces_gap.grid import apply_response
+from ces_gap.limits import SearchLimits
 from ces_gap.trace import Trace, TraceInputs
 
-MAP_SHARE = 0.15  # of the gap's energy
 KNEE_M_S = 0.05  # [m/s] speed at which the force of a damper's bleed bends
 MAX_GAIN = 3.0  # of the sharpening of a force that was smoothed: it also amplifies noise
 
@@ -74,7 +74,7 @@ CURRENT: tuple[Term, ...] = (
 class _Calibration(Effect):
     """A map of the simulation's inputs added to its force: the weighted sum of the terms."""
 
-    name, stage, prior_share = "calibration", SIMULATION, MAP_SHARE
+    name, stage, prior_share = "calibration", SIMULATION, SearchLimits.MAP
     summary = "the simulation's force map is off"
     terms: ClassVar[tuple[Term, ...]] = ()
 

@@ -14,16 +14,12 @@ import numpy as np
 from scipy.signal import max_len_seq
 
 from ces_data.arrays import F
+from ces_gap.limits import ExperimentLimits
 from ces_gap.trace import Trace, usable_inputs, usable_values
 
 Recipe = dict[str, Any]
 Rng = np.random.Generator
 
-TRAVEL, SPEED, ACCELERATION = 1.05, 1.1, 1.5  # limits of an experiment over the range of the recordings
-MIN_AMPLITUDE_M, MIN_SPEED_M_S, MIN_ACCELERATION_M_S2 = 1e-3, 0.01, 1.0
-SAME_CURRENT = 0.05  # relative spread below which a current counts as constant
-CURRENT = 0.25  # relative change, up and down, that experiments then command
-TOP_HZ = 16.0
 SEED = 1
 FINE_S = 0.5e-3  # [s] the rig's grid
 DECIMATION = 2  # to 1 kHz
@@ -52,7 +48,7 @@ class Reach:
 
     def top_Hz(self, speed_share: float) -> float:
         """Return the frequency at which a sine with this share of the speed uses all acceleration, up to 16 Hz."""
-        return min(TOP_HZ, self.acceleration_m_s2 / (2.0 * np.pi * speed_share * self.speed_m_s))
+        return min(ExperimentLimits.MAX_HZ, self.acceleration_m_s2 / (2.0 * np.pi * speed_share * self.speed_m_s))
 
 
 def reach_of(traces: Sequence[Trace]) -> Reach:
@@ -63,9 +59,11 @@ def reach_of(traces: Sequence[Trace]) -> Reach:
     low_A, high_A = _currents(i, any("current" in t.recording.constants for t in traces))
     return Reach(
         centre_m=float(low + high) / 2.0,
-        amplitude_m=max(TRAVEL * float(high - low) / 2.0, MIN_AMPLITUDE_M),
-        speed_m_s=max(SPEED * float(np.quantile(np.abs(v), 0.999)), MIN_SPEED_M_S),
-        acceleration_m_s2=max(ACCELERATION * float(np.quantile(np.abs(a), 0.999)), MIN_ACCELERATION_M_S2),
+        amplitude_m=max(ExperimentLimits.TRAVEL * float(high - low) / 2.0, ExperimentLimits.MIN_AMPLITUDE_M),
+        speed_m_s=max(ExperimentLimits.SPEED * float(np.quantile(np.abs(v), 0.999)), ExperimentLimits.MIN_SPEED_M_S),
+        acceleration_m_s2=max(
+            ExperimentLimits.ACCELERATION * float(np.quantile(np.abs(a), 0.999)), ExperimentLimits.MIN_ACCELERATION_M_S2
+        ),
         low_A=low_A,
         high_A=high_A,
     )
@@ -170,8 +168,8 @@ def _currents(current: F, fixed: bool) -> tuple[float, float]:
     middle = float(np.median(current))
     if fixed or (abs(middle) < 1e-9 and high - low < 1e-9):
         return max(_round(middle), 0.0), max(_round(middle), 0.0)
-    if high - low < SAME_CURRENT * abs(middle):
-        low, high = (1.0 - CURRENT) * middle, (1.0 + CURRENT) * middle
+    if high - low < ExperimentLimits.SAME_CURRENT * abs(middle):
+        low, high = (1.0 - ExperimentLimits.CURRENT_CHANGE) * middle, (1.0 + ExperimentLimits.CURRENT_CHANGE) * middle
     return max(_round(float(low)), 0.0), max(_round(float(high)), 0.0)
 
 

@@ -105,7 +105,7 @@ def propose_experiment(
     best = max(_evaluate_again(plant, compared, pairs, noise_N), key=lambda t: t.rate, default=None)
     if best is None:
         raise GapError(f"the simulation refuses all {len(recipes)} candidate experiments")
-    first, second = (setting.name for setting in best.nearest)
+    name, other = (setting.name for setting in best.nearest)
     pair, distance_N = " from ".join(map(_describe, best.nearest)), best.distance * noise_N
     size = f"{distance_N:.2g} N RMS ({best.distance:.2g} × the noise)"
     if best.distance < 1.0:
@@ -115,7 +115,7 @@ def propose_experiment(
         )
     purpose = f"distinguishes {pair}: expected difference {size} over {float(best.recipe['duration_s']):.0f} s"
     waveforms = generate_waveforms(best.recipe)
-    return NextExperiment(str(best.recipe["name"]), purpose, best.recipe, *waveforms, (first, second), distance_N)
+    return NextExperiment(str(best.recipe["name"]), purpose, best.recipe, *waveforms, (name, other), distance_N)
 
 
 def _describe(setting: Setting) -> str:
@@ -205,7 +205,7 @@ def find_pairs(result: EffectSearchResult, composition: Sequence[str], judgement
     instead, or else the two that fit best. Only effects that were fitted alone can be simulated apart.
     """
     settings = {f.names[0]: f.composition.settings[0] for f in result.alone if not f.effects[0].nuisance}
-    first = next((name for name in (*composition, *judgement.alternatives) if name in settings), "")
-    pairs = [group[:2] for group in judgement.ties] or [(first, other) for other in judgement.alternatives]
+    main = next((name for name in (*composition, *judgement.alternatives) if name in settings), "")
+    pairs = [group[:2] for group in judgement.ties] or [(main, other) for other in judgement.alternatives]
     apart = [pair for pair in pairs if len({*pair} & settings.keys()) == 2] or [tuple(settings)[:2]]
     return tuple((settings[pair[0]], settings[pair[1]]) for pair in apart if len(pair) == 2)

@@ -25,46 +25,44 @@ from ces_gap.effects.simulation_errors import CALIBRATION_FORMS
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit, fit_from
+from ces_gap.limits import SearchLimits, VerdictLimits
 from ces_gap.progress import Progress
 from ces_gap.trace import Trace, usable_inputs, usable_values
-from ces_identify.numerics.least_squares import CentredProblem, descend_about_centre
+from ces_identify.numerics.least_squares import NormalEquations, check_error_first, improve, pull_towards
 from ces_identify.physical.models import HydraulicModels
 
 WEIGHTS = 0.3, 1.0, 1.0  # of stroke, speed and current in a distance: a gas spring is soft
 MOMENTS, NEIGHBOURS, APART_S, NEAR = 4000, 60, 0.15, 0.1  # compared moments; NEAR is a distance
-MAX_STATIC = 0.03  # of the force's standard deviation
 STRENGTH = 0.03  # of the pulls towards usual values
 STEPS, END_STEPS = 5, 40  # of a refit, and of those between which the answer is chosen
 ABSENT = 5.0  # by which the logarithm of a number is lowered where there is nothing of the kind
-MAX_REST = 0.1  # of the gap's energy: where an effect leaves less, it is enough; a network must leave less
-MIN_PART_SHARE = 0.015  # of the gap's energy: what a part must explain beside the others, on blocks left out
 
 
 def explain_static_map(
-    evidence: Evidence, first: EffectFit, energy: float, effects: Sequence[Effect], threads: int, progress: Progress
+    evidence: Evidence, single: EffectFit, energy: float, effects: Sequence[Effect], threads: int, progress: Progress
 ) -> EffectFit | None:
-    """Return what a network of the recordings has and a static map lacks, where the `first` effect leaves much.
+    """Return what a network of the recordings has and a static map lacks, where the `single` effect leaves much.
 
     None for other simulations, and with references (no calibration among the `effects`): they have shown its error.
     """
-    much = first.cost - len(first.residual) > MAX_REST * energy
+    much = single.cost - len(single.residual) > VerdictLimits.TENTH * energy
     corrected = not any(e in CALIBRATION_FORMS for e in effects)
     if not much or corrected or evidence.plants[0].twin is None or not is_static(evidence.traces):
         return None
     progress("fitting a network to the real recordings", 0.0)
     names = {e.name for e in effects}
-    found = fit_both_sides(evidence, [part for part in PARTS if part.name in names], threads)
-    rest = np.inf if found is None else found.cost - len(found.residual)
-    return found if rest < MAX_REST * energy else None
+    network = fit_both_sides(evidence, [part for part in PARTS if part.name in names], threads)
+    rest = np.inf if network is None else network.cost - len(network.residual)
+    return network if rest < VerdictLimits.TENTH * energy else None
 
 
 def fit_both_sides(evidence: Evidence, kinds: Sequence[type[NetworkPart]], threads: int) -> EffectFit | None:
     """Return a recalibration of a static map, and what it lacks of some kinds of parts; None without a network."""
     real = [_with_force(t) for t in evidence.traces]
-    found = fit_network(real, (STRENGTH,), threads, lambda _: None)
-    if found is None:
+    network = fit_network(real, (STRENGTH,), threads, lambda _: None)
+    if network is None:
         return None
-    fit, step_s = found
+    fit, step_s = network
     alike = [t for t in real if t.rate_Hz == real[0].rate_Hz]
     training, _ = build_training(alike, max(count_steps(t) for t in alike), MAX_TICKS)
     error = usable_values(evidence.traces, [t.force - t.simulated for t in evidence.traces])
@@ -93,7 +91,8 @@ def is_static(traces: Sequence[Trace]) -> bool:
     valid = (np.abs(time_s[near] - time_s[chosen, None]) > APART_S) & (distance < NEAR)
     pairs = np.column_stack([near[np.arange(len(chosen)), valid.argmax(axis=1)], chosen])[valid.any(axis=1)]
     difference = force[pairs[:, 0]] - force[pairs[:, 1]]
-    return len(pairs) > 0.5 * len(chosen) and rms(difference) < np.sqrt(2.0) * MAX_STATIC * float(force.std())
+    most_N = np.sqrt(2.0) * SearchLimits.MAX_STATIC * float(force.std())
+    return len(pairs) > 0.5 * len(chosen) and rms(difference) < most_N
 
 
 def _with_force(trace: Trace) -> Trace:
@@ -123,7 +122,7 @@ class _Network:
         weakest_first = [kinds[k] for k in np.argsort(costs)]
         for part in weakest_first:
             fewer = self._without(theta, (*gone, part))
-            if self._cost(fewer) ** 2 - self._cost(theta) ** 2 < MIN_PART_SHARE * self.gap:
+            if self._cost(fewer) ** 2 - self._cost(theta) ** 2 < SearchLimits.MIN_PART * self.gap:
                 gone, theta = [*gone, part], fewer
         kept = [part for part in reversed(weakest_first) if part not in gone]
         for place in range(len(kept)):
@@ -140,7 +139,7 @@ class _Network:
         missing = [part for part in kinds if part not in kept]
         ways = [kept, *([*kept[:place], part, *kept[place + 1 :]] for part in missing)]
         starts = [theta, *(self._without(whole, self._others(way)) for way in ways[1:])]
-        enough = self._cost(theta) ** 2 + MIN_PART_SHARE * self.gap
+        enough = self._cost(theta) ** 2 + SearchLimits.MIN_PART * self.gap
         close = [k for k, start in enumerate(starts) if self._cost(start) ** 2 < enough]
         if close == [0]:
             return kept, theta
@@ -179,15 +178,11 @@ def _descend(models: HydraulicModels, start: F, steps: int, free: Mask) -> F:
         theta[free] = values
         return theta
 
-    def equations(values: F) -> tuple[float, F, F]:
+    def differentiate(values: F) -> NormalEquations:
         error, matrix, gradient = models.normal_equations(embed(values), weights)
-        return error, matrix[np.ix_(free, free)], gradient[free]
+        return NormalEquations(error, matrix[np.ix_(free, free)], gradient[free])
 
-    problem = CentredProblem(
-        lambda values: models.error(embed(values), weights),
-        equations,
-        STRENGTH * models.layout.weight[free],
-        start[free],
-    )
-    found = [values for _, values in islice(descend_about_centre(problem, start[free]), steps)]
-    return embed(found[-1]) if found else start
+    equations = check_error_first(lambda values: models.error(embed(values), weights), differentiate)
+    pull = pull_towards(start[free], STRENGTH * models.layout.weight[free])
+    points = list(islice(improve(equations, start[free], [pull]), 1 + steps))
+    return embed(points[-1].params) if points else start

@@ -26,11 +26,11 @@ from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition
 from ces_gap.grid import count_through, rms
 from ces_gap.inputs.prepare import DiagnosisInput
+from ces_gap.limits import EvidenceLimits, NoiseLimits
 from ces_gap.trace import Trace, noise_floor_N, own_error_N, usable_values
 from ces_observer.errors import CesError
 
 UNITS = 4  # the data are divided into at least as many parts, each left out once
-BLOCK_S = 0.5  # [s] residuals within a block count as one sample in standard errors
 MIN_MODE_VARIANCE = 0.01  # of the noise's: a direction of the baseline error with less variance is ignored
 
 
@@ -112,7 +112,8 @@ def gather(
         rows = np.zeros((len(trace), 0)) if covariance is None else noise.whiten(features[number])
         for part in np.array_split(ticks, parts):
             directions, shares = _directions(rows[part], covariance)
-            block = np.unique((part / (BLOCK_S * trace.rate_Hz)).astype(np.int64), return_inverse=True)[1]
+            number_of_tick = (part / (EvidenceLimits.BLOCK_S * trace.rate_Hz)).astype(np.int64)
+            block = np.unique(number_of_tick, return_inverse=True)[1]
             units.append(EvidenceUnit(number, part, directions, shares, block))
     return Evidence(tuple(traces), plants, alone, noise, tuple(units))
 
@@ -127,10 +128,6 @@ def _directions(rows: F, covariance: F | None) -> tuple[F, F]:
     keep = variance > MIN_MODE_VARIANCE
     directions = spread @ (turn[:, keep] / np.sqrt(variance[keep]))
     return directions, 1.0 - 1.0 / np.sqrt(1.0 + variance[keep])
-
-
-NUMERICAL_ERROR = 1e-3  # of the RMS force: simulations are not computed more accurately
-MIN_NOISE_N = 1e-3  # [N]
 
 
 @dataclass(frozen=True)
@@ -149,16 +146,20 @@ class Baseline:
     unseen_error_N: float = 0.0
 
 
+def least_noise_N(traces: Sequence[Trace]) -> float:
+    """Return the RMS [N] that counts as noise: as measured, but not below the numerical error of simulations."""
+    numerical_N = NoiseLimits.NUMERICAL_ERROR * rms(usable_values(traces, [t.force for t in traces]))
+    return max(noise_floor_N(traces), numerical_N, NoiseLimits.MIN_N)
+
+
 def learn_baseline(inputs: DiagnosisInput) -> Baseline:
     """Return the baseline learned from references; without any, the simulation is taken as it is.
 
-    The noise is then white and as strong as measured, but not below the numerical error of simulations: what else the
-    force contains is to be explained.
+    The noise is then white: what else the force contains is to be explained.
     """
     if not inputs.reference:
         ceiling = learn_ceiling(inputs.real, [t.simulated for t in inputs.real])
-        numerical_N = NUMERICAL_ERROR * rms(usable_values(inputs.real, [t.force for t in inputs.real]))
-        noise = make_white_noise(max(noise_floor_N(inputs.real), numerical_N, MIN_NOISE_N))
+        noise = make_white_noise(least_noise_N(inputs.real))
         plant = Plant(inputs.cheap, twin=inputs.twin)
         return Baseline(plant, None, gather(inputs.real, plant, noise), ceiling, own_error_N(inputs.real))
     correction, learnt = learn_correction(inputs.reference)
@@ -167,5 +168,5 @@ def learn_baseline(inputs: DiagnosisInput) -> Baseline:
     evidence = gather(inputs.real, plant, learnt.noise, features, learnt.covariance)
     rows = zip(inputs.reference, learnt.crossfitted, strict=True)
     left = np.array([rms((t.force - t.simulated - learned)[t.usable]) for t, learned in rows])
-    unseen_N = (1.0 + 1.0 / len(left)) * learnt.noise.rms_N * float(left.max()) / max(rms(left), MIN_NOISE_N)
+    unseen_N = (1.0 + 1.0 / len(left)) * learnt.noise.rms_N * float(left.max()) / max(rms(left), NoiseLimits.MIN_N)
     return Baseline(plant, correction, evidence, learn_ceiling(evidence.traces, evidence.alone), unseen_N)

@@ -13,8 +13,15 @@ from ces_gap.effects.effect import Composition
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters
-from ces_gap.inference.judgement import WITHIN_TIMING, GapSize, Judgement, SearchFindings
-from ces_gap.inference.odds import OddsWeights, VerdictFigures, probabilities
+from ces_gap.inference.judgement import (
+    WITHIN_TIMING,
+    GapSize,
+    Judgement,
+    OddsWeights,
+    SearchFindings,
+    VerdictFigures,
+    probabilities,
+)
 from ces_gap.inference.search import (
     EffectSearchResult,
     compute_paired_gain,
@@ -22,11 +29,8 @@ from ces_gap.inference.search import (
     interchangeable_effects,
     min_unexplained_shares,
 )
+from ces_gap.limits import EvidenceLimits, VerdictLimits
 from ces_gap.trace import gap_N, noise_floor_N, own_error_N, usable_values
-
-TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
-TOLERANCE_NOISES = 2.0  # times the noise: limit of that default, so that a gap clear of the noise is not overlooked
-CLEAR_Z = 20.0  # z of a gain as large as the noise, in however few blocks
 
 
 def collect_findings(
@@ -38,25 +42,25 @@ def collect_findings(
     is_recorded: bool = False,
 ) -> SearchFindings:
     """Return the findings; `simulation` reruns the best explanation, `tolerance` is the user's (share of the force)."""
-    evidence, best, rest = result.evidence, result.best, baseline.ceiling
+    evidence, best, ceiling_after = result.evidence, result.best, baseline.ceiling
     plants = [replace(baseline.plant, simulation=simulation).prepare_for(t) for t in evidence.traces]
     if best is not None:  # the generic learner, fitted to the rest of the best explanation
         forces = replace(evidence, plants=tuple(plants)).forces(best.composition)
         refused = not all(np.isfinite(force).all() for force in forces)
-        rest = learn_ceiling(evidence.traces, evidence.forces(best.composition) if refused else forces)
+        ceiling_after = learn_ceiling(evidence.traces, evidence.forces(best.composition) if refused else forces)
 
     def allowance(fit: EffectFit) -> float:
         return twin_error_energy(evidence, plants, fit)
 
     force_N = rms(usable_values(evidence.traces, [t.force for t in evidence.traces]))
-    figures, size = compute_figures(result, baseline.ceiling, rest), measure_gap(result)
+    figures, size = compute_figures(result, baseline.ceiling, ceiling_after), measure_gap(result)
     together, twin_error = ((), 0.0) if best is None else (best.names, allowance(best) / result.gap_energy)
     return SearchFindings(
         figures=figures,
         odds=probabilities(figures, min_unexplained_shares(result), together, weights, twin_error),
         weights=weights,
         size=size,
-        rest_N=rest.learnt.noise.rms_N,
+        rest_N=ceiling_after.learnt.noise.rms_N,
         visible_from_N=max(evidence.noise.rms_N, baseline.unseen_error_N),
         tolerance_N=tolerance_N(size.noise_N, force_N, tolerance),
         has_references=baseline.correction is not None,
@@ -80,14 +84,16 @@ def measure_gap(result: EffectSearchResult) -> GapSize:
     noise_N = noise_floor_N(evidence.traces)
     timing = [f.composition for f in result.alone if f.effects[0].nuisance][:1]
     above = [gap_N(evidence.traces, forces, noise_N) for forces in (evidence.alone, *map(evidence.forces, timing))]
-    known = all(t.measured_noise.known for t in evidence.traces)
+    is_known = all(t.measured_noise.known for t in evidence.traces)
     logged_N = noise_floor_N(evidence.traces, as_logged=True)
-    return GapSize(above[0], min(above), logged_N, known, own_error_N(evidence.traces))
+    return GapSize(above[0], min(above), logged_N, is_known, own_error_N(evidence.traces))
 
 
 def tolerance_N(noise_N: float, force_N: float, share: float | None) -> float:
     """Return the gap [N] that counts as none: a `share` of the RMS force, by default small beside force and noise."""
-    return min(TOLERANCE_SHARE * force_N, TOLERANCE_NOISES * noise_N) if share is None else share * force_N
+    if share is None:
+        return min(VerdictLimits.TOLERANCE * force_N, EvidenceLimits.VISIBLE * noise_N)
+    return share * force_N
 
 
 def twin_error_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:
@@ -110,14 +116,14 @@ def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling)
     gain = compute_paired_gain(evidence, baseline, residual)
     learnt = result.baseline_residual - evidence.whiten(before.learnt.crossfitted)
     ceiling = compute_paired_gain(evidence, baseline, learnt)
-    rest = compute_paired_gain(evidence, residual, residual - evidence.whiten(after.learnt.crossfitted))
+    learnable = compute_paired_gain(evidence, residual, residual - evidence.whiten(after.learnt.crossfitted))
     left = float(residual @ residual) - len(residual)
     return VerdictFigures(
         energy=(float(baseline @ baseline) - len(baseline)) / len(baseline),
-        gain_z=max(gain.z, CLEAR_Z * gain.energy / len(residual)) if best is not None else 0.0,
+        gain_z=max(gain.z, EvidenceLimits.CLEAR_Z * gain.energy / len(residual)) if best is not None else 0.0,
         ceiling_z=ceiling.z,
         unexplained=left / result.gap_energy,
-        learnable=rest.energy / result.gap_energy,
+        learnable=learnable.energy / result.gap_energy,
         stuck=count_stuck_parameters(best) if best is not None else 0,
     )
 
@@ -126,10 +132,10 @@ def timing_notes(result: EffectSearchResult, judgement: Judgement) -> tuple[str,
     """Return a note on the simulation's timing where it is all or a part of the gap."""
     best = () if result.best is None else result.best.composition.settings
     fits = [f.composition.settings[0] for f in result.alone if f.effects[0].nuisance]
-    found = [s for s in best if s.effect.nuisance] or (fits if judgement.reason == WITHIN_TIMING else [])
-    if not found:
+    settings = [s for s in best if s.effect.nuisance] or (fits if judgement.reason == WITHIN_TIMING else [])
+    if not settings:
         return ()
-    skew, spread = found[0].values
+    skew, spread = settings[0].values
     side, how = "early" if skew > 0.0 else "late", "less" if spread > 0.0 else "more"
     return (
         f"timing: the simulated force comes {abs(skew):.2f} samples {side} and is {how} smoothed than the measured one "
@@ -140,10 +146,10 @@ def timing_notes(result: EffectSearchResult, judgement: Judgement) -> tuple[str,
 def bound_notes(composition: Composition, estimates: Sequence[Sequence[Estimate]]) -> tuple[str, ...]:
     """Return a note on each parameter at a bound, and on each outside the usual range of dampers."""
     notes = []
-    for setting, found in zip(composition.settings, estimates, strict=True):
+    for setting, of_effect in zip(composition.settings, estimates, strict=True):
         if setting.effect.nuisance or setting.effect.prior_share > 0.0:  # no physics
             continue
-        for p, estimate in zip(setting.effect.parameters, found, strict=True):
+        for p, estimate in zip(setting.effect.parameters, of_effect, strict=True):
             low, high = p.usual or (p.low, p.high)
             name, value = f"{setting.name}: {p.name}", estimate.value
             if estimate.at_bound:

@@ -14,6 +14,7 @@ import numpy as np
 from ces_data.arrays import F
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence
+from ces_gap.limits import SearchLimits
 from ces_gap.progress import Progress, ignore_progress
 
 ITERATIONS = 8
@@ -22,12 +23,8 @@ MIN_GAIN = 3e-4  # share of the gap's energy: an iteration that explains less is
 MIN_EXPLAINED = 0.005  # of the gap's energy: a fit that explains less is not continued
 MAX_STARTS = 6
 MAX_SCALED_STARTS = 2  # starts whose magnitude is scaled to fit
-DRIFT = 4.0  # standard errors: units that disagree by more make a parameter drift
 Z95 = 1.96
-MISFIT_ALIGNED = 0.25
-MIN_FORM_GAIN = 0.02  # of the gap's energy: what a form with more parameters must leave less at its start
 MAX_REPEATS, SETTLED = 5, 0.1  # of a fit; standard errors by which a settled parameter moves
-NEAR_BOUND = 1e-3  # of the range: a parameter closer to its bound counts as on it
 
 Interval = tuple[float, float]
 
@@ -82,7 +79,7 @@ def bounds(effects: Sequence[Effect], at: F | None = None) -> tuple[F, F]:
     if at is None:
         return low, high
     usual_low, usual_high = np.array([p.search_bounds(usual=True) for p in parameters]).reshape(-1, 2).T
-    near = NEAR_BOUND * (usual_high - usual_low)
+    near = SearchLimits.NEAR_BOUND * (usual_high - usual_low)
     beyond = ((at - usual_low < near) & (low < usual_low)) | ((usual_high - at < near) & (high > usual_high))
     return np.where(beyond, low, usual_low), np.where(beyond, high, usual_high)
 
@@ -114,7 +111,7 @@ def fit_promising(
         left, gap = float(residual @ residual), float(objective.baseline_residual @ objective.baseline_residual)
         simpler = begun.get(effect.name)
         more = simpler is not None and len(effect.parameters) > len(simpler[1].low)
-        if simpler is None or left < simpler[0] - more * MIN_FORM_GAIN * max(gap - len(residual), 0.0):
+        if simpler is None or left < simpler[0] - more * SearchLimits.MIN_FORM_GAIN * max(gap - len(residual), 0.0):
             begun[effect.name] = (left, objective, point, residual)
     best = sorted(begun.values(), key=lambda start: start[0])[:count]
     return sorted((_fit_from(*start[1:]) for start in best), key=lambda fit: fit.cost)
@@ -205,9 +202,9 @@ def _choose_start(objective: _Objective, points: Sequence[F]) -> tuple[F, F]:
     to them: what it would leave then is predicted.
     """
     baseline = objective.baseline_residual
-    found = [(point, objective(point)) for point in points]
+    points_tried = [(point, objective(point)) for point in points]
     predicted: list[tuple[float, F]] = []
-    for point, residual in found if objective.magnitudes else ():
+    for point, residual in points_tried if objective.magnitudes else ():
         signature = baseline - residual
         size, along = float(signature @ signature), float(signature @ baseline)
         if size > 0.0 and along != size:
@@ -217,8 +214,8 @@ def _choose_start(objective: _Objective, points: Sequence[F]) -> tuple[F, F]:
             left = float(baseline @ baseline) - along**2 / size
             predicted.append((left, np.clip(scaled, *bounds(objective.effects, point))))
     promising = sorted(predicted, key=lambda pair: pair[0])[:MAX_SCALED_STARTS]
-    found += [(scaled, objective(scaled)) for _, scaled in promising]
-    return min(found, key=lambda pair: float(pair[1] @ pair[1]))
+    points_tried += [(scaled, objective(scaled)) for _, scaled in promising]
+    return min(points_tried, key=lambda pair: float(pair[1] @ pair[1]))
 
 
 def _fit_from(objective: _Objective, searched: F, residual: F) -> EffectFit:
@@ -351,14 +348,14 @@ def _misfit_variance(fit: EffectFit) -> F:
     """Return the variance (p,) that the rest of the gap adds to the parameters.
 
     What the effects leave beyond the noise is no noise: errors of forms and simulation are the same in every block. A
-    share of their RMS, `MISFIT_ALIGNED`, is assumed to lie along each parameter's signature, where no residual shows it
-    (Brynjarsdottir and O'Hagan 2014).
+    share of their RMS is assumed to lie along each parameter's signature, where no residual shows it
+    (`SearchLimits.MISFIT_ALIGNED`).
     """
     left = max(float(fit.residual @ fit.residual) - len(fit.residual), 0.0)
     size = column_norms(fit.jacobian)
     scaled = fit.jacobian / size
     unit = np.diag(np.linalg.pinv(scaled.T @ scaled, rcond=1e-9)) / size**2
-    return np.asarray(MISFIT_ALIGNED**2 * left * np.maximum(unit, 0.0))
+    return np.asarray(SearchLimits.MISFIT_ALIGNED**2 * left * np.maximum(unit, 0.0))
 
 
 def count_stuck_parameters(fit: EffectFit) -> int:
@@ -374,8 +371,8 @@ def _estimate(
     parameter: EffectParameter, searched: float, error: float, low: float, high: float, disagreement: float
 ) -> Estimate:
     ends = sorted(parameter.to_value(searched + sign * Z95 * error) for sign in (-1.0, 1.0))
-    near = NEAR_BOUND * (high - low)
+    near = SearchLimits.NEAR_BOUND * (high - low)
     neutral = parameter.to_search(parameter.neutral) if parameter.scale != "log" else np.nan
     at_bound = bool((searched - low < near or high - searched < near) and not abs(searched - neutral) < near)
-    drifts = bool(disagreement > DRIFT * max(error, 1e-12))
+    drifts = bool(disagreement > SearchLimits.DRIFT * max(error, 1e-12))
     return Estimate(parameter.name, parameter.to_value(searched), (ends[0], ends[1]), at_bound, drifts)

@@ -26,18 +26,14 @@ from ces_gap.inference.judgement import (
 )
 from ces_gap.inference.rare import RareDeviation, find_rare_deviation
 from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
-from ces_gap.inference.verdict import CLEARLY_MORE
 from ces_gap.inputs.prepare import DiagnosisInput
+from ces_gap.limits import EvidenceLimits, RareLimits, VerdictLimits
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
 from ces_gap.trace import Trace, gap_N, noise_floor_N, own_error_N, usable_values
 
-BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
 SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
-MIN_SHOWN_SHARE = 0.05  # of the gap's energy
-SMALL = 0.3  # of a gap or a rare deviation: what is immaterial beside it, a tenth of its energy
-HIDDEN = 3.0  # times the gap's RMS: what is as large lasts at most 1/9 of the time, and the RMS hides it
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
 
@@ -123,18 +119,19 @@ def score_held_out(
         together = replace(together, without_N=gaps_without_each(scorer, result.evidence, best))
     timed = [scorer.explain(f, scorer.forces(f, True)).gap_after_N for f in timing]
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
-    known = {} if best is None else {best.composition: forces}
+    computed = {} if best is None else {best.composition: forces}
     alone, least_N = (*result.evidence.alone, *scorer.alone), findings.tolerance_N
-    least_N = max(least_N, HIDDEN * findings.visible_from_N if findings.has_references else 0.0)
+    least_N = max(least_N, RareLimits.HIDDEN * findings.visible_from_N if findings.has_references else 0.0)
     rare, rare_left = _find_rare(inputs, baseline, blocks.traces, alone, least_N), None
     if best is not None and np.isfinite(together.gap_after_N):
-        least_N = max(least_N, SMALL * max(nothing.gap_after_N, 0.0 if rare is None else abs(rare.mean_N)))
+        largest_N = max(nothing.gap_after_N, 0.0 if rare is None else abs(rare.mean_N))
+        least_N = max(least_N, math.sqrt(VerdictLimits.TENTH) * largest_N)  # less is immaterial beside it
         modelled = (*result.evidence.forces(best.composition), *forces)
         rare_left = _find_rare(inputs, baseline, blocks.traces, modelled, least_N)
     return HeldOutScores(
         gap=_gap(scorer, _find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
-        causes=_causes(scorer, result, findings, known, progress),
+        causes=_causes(scorer, result, findings, computed, progress),
         composition=together,
         series=tuple(HeldOutSeries(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
         nothing=nothing,
@@ -153,18 +150,20 @@ def _find_rare(
     It is at least `least_N`, and more than the references have and than the RMS shows.
     """
     errors = [t.force - baseline.plant.alone(t) for t in inputs.reference]
-    known = [np.where(t.usable, error, np.nan) for t, error in zip(inputs.reference, errors, strict=True)]
+    on_references = [np.where(t.usable, error, np.nan) for t, error in zip(inputs.reference, errors, strict=True)]
     parts = (inputs.real, forces[: len(inputs.real)]), (held_out, forces[len(inputs.real) :])
     largest_N = max(gap_N(traces, some, noise_floor_N(traces)) for traces, some in parts)
-    return find_rare_deviation((*inputs.real, *held_out), forces, known, max(least_N, HIDDEN * largest_N))
+    return find_rare_deviation(
+        (*inputs.real, *held_out), forces, on_references, max(least_N, RareLimits.HIDDEN * largest_N)
+    )
 
 
 def gaps_without_each(scorer: HeldOutScorer, evidence: Evidence, fit: EffectFit) -> tuple[float, ...]:
     """Return the held-out gap [N] that is left without each effect of a fit, the others refitted to the `evidence`."""
     owner, gaps = np.repeat(np.arange(len(fit.effects)), [len(e.parameters) for e in fit.effects]), []
     for k in range(len(fit.effects)):
-        rest = fit_from(evidence, (*fit.effects[:k], *fit.effects[k + 1 :]), fit.searched[owner != k])
-        gaps.append(scorer.explain(rest, scorer.forces(rest, True)).gap_after_N)
+        others = fit_from(evidence, (*fit.effects[:k], *fit.effects[k + 1 :]), fit.searched[owner != k])
+        gaps.append(scorer.explain(others, scorer.forces(others, True)).gap_after_N)
     return tuple(gaps)
 
 
@@ -182,10 +181,10 @@ def _causes(
     scorer: HeldOutScorer,
     result: EffectSearchResult,
     findings: SearchFindings,
-    known: dict[Composition, tuple[F, ...]],
+    computed: dict[Composition, tuple[F, ...]],
     progress: Progress,
 ) -> tuple[Explanation, ...]:
-    """Return each effect alone, most probable first; `known` are forces [N] that have been computed already."""
+    """Return each effect alone, most probable first; `computed` are forces [N] that have been computed already."""
     odds, best = findings.odds.effects, result.best.names if result.best is not None else ()
     fits = [f for f in result.alone if f.names[0] in odds]
     imitable = (*findings.absorbed, CALIBRATION)  # errors of the simulation: after other effects of the composition
@@ -194,7 +193,7 @@ def _causes(
     for k, fit in enumerate(ranked):
         (name,) = fit.names
         progress(f"evaluating {name}", k / len(ranked))
-        forces = known.get(fit.composition) or scorer.forces(fit, k < EXACT_CAUSES or name in best)
+        forces = computed.get(fit.composition) or scorer.forces(fit, k < EXACT_CAUSES or name in best)
         causes.append(replace(_add_gain(scorer.explain(fit, forces), result, fit), probability=odds[name]))
     return tuple(causes)
 
@@ -208,14 +207,14 @@ def _add_gain(explanation: Explanation, result: EffectSearchResult, fit: EffectF
 def _gap(scorer: HeldOutScorer, noise_source: str) -> Gap:
     blocks = scorer.blocks
     rms, ci95 = blocks.rms(scorer.before)
-    rest, rest_ci95 = blocks.rms(scorer.corrected)
+    corrected_N, corrected_ci95_N = blocks.rms(scorer.corrected)
     noise_N = float(np.sqrt(blocks.noise.sum() / max(float(blocks.ticks.sum()), 1.0)))
     logged_N = noise_N * noise_floor_N(blocks.traces, as_logged=True) / max(noise_floor_N(blocks.traces), 1e-12)
     force = usable_values(blocks.traces, [t.force for t in blocks.traces])
     simulated = usable_values(blocks.traces, [t.simulated_as_logged for t in blocks.traces])
     cost_J = 100.0 * float(np.linalg.norm(force - simulated) / max(float(np.linalg.norm(force - force.mean())), 1e-9))
-    known = all(t.measured_noise.known for t in blocks.traces)
-    return Gap(rms, ci95, logged_N, cost_J, rest, rest_ci95, noise_source, known, noise_N)
+    is_known = all(t.measured_noise.known for t in blocks.traces)
+    return Gap(rms, ci95, logged_N, cost_J, corrected_N, corrected_ci95_N, noise_source, is_known, noise_N)
 
 
 def collect_evidence(search: SearchFindings, scores: HeldOutScores) -> VerdictEvidence:
@@ -273,7 +272,7 @@ def has_undetermined_effect(composition: Explanation) -> bool:
     zero (Hauck and Donner 1977): then counts what is left without the effect.
     """
     c, alone = composition, composition.gain > Z95 * composition.gain_error > 0.0
-    needed = [gap_N > CLEARLY_MORE * c.gap_after_N for gap_N in c.without_N] or [alone] * len(c.effects)
+    needed = [gap_N > VerdictLimits.CLEARLY_MORE * c.gap_after_N for gap_N in c.without_N] or [alone] * len(c.effects)
     for setting, estimates, is_needed in zip(c.composition.settings, c.estimates, needed, strict=True):
         sizes = [(p, e) for p, e in zip(setting.effect.parameters, estimates, strict=True) if p.magnitude]
         includes_none = all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes)
@@ -329,7 +328,7 @@ class Blocks:
         Resamples that happen to hold hardly any of the gap, as between rare contacts of a stop, show no shrink.
         """
         begun, ended = before[self.resamples].sum(1), after[self.resamples].sum(1)
-        shown = begun > MIN_SHOWN_SHARE * before.sum()
+        shown = begun > EvidenceLimits.MIN_SHOWN * before.sum()
         shrinks = _compute_shrink(begun[shown], ended[shown]) if shown.any() else np.zeros(1)
         low, high = np.percentile(shrinks, [2.5, 97.5])
         return float(_compute_shrink(before.sum(), after.sum())), (float(low), float(high))
@@ -340,7 +339,7 @@ def cut_into_blocks(traces: Sequence[Trace], seed: int, max_noise_N: float = np.
 
     The noise estimated from a recording's highest frequencies is only an upper bound: the damper may contribute to it.
     """
-    number = number_blocks([t.time_s for t in traces], BLOCK_S)
+    number = number_blocks([t.time_s for t in traces], EvidenceLimits.BLOCK_S)
     count = int(number[-1][-1]) + 1
     rows = list(zip(traces, number, strict=True))
     ticks = sum(np.bincount(n, t.usable.astype(np.float64), count) for t, n in rows)

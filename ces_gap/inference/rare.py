@@ -10,13 +10,9 @@ import numpy as np
 
 from ces_data.arrays import F, Mask
 from ces_gap.grid import number_blocks
+from ces_gap.limits import EvidenceLimits, RareLimits
 from ces_gap.trace import Trace
 
-WINDOWS_S = (0.01, 0.03, 0.1, 0.3)  # [s] from a stop that is hit to a valve that sticks
-BLOCK_S = 0.5  # [s] of which only the largest window counts: largest windows of different blocks are independent
-MIN_BLOCKS = 16  # of which the quartile and the median show how largest windows scatter
-FALSE_ALARMS = 0.005  # share of clean diagnoses in which the largest deviation may pass: 1 of 50 with a margin
-UNSEEN = 1.5  # times what references show, from which a correction was learnt: it leaves more on others
 QUARTILE, MEDIAN = (-math.log(-math.log(share)) for share in (0.25, 0.5))  # of a Gumbel distribution
 
 
@@ -24,7 +20,7 @@ QUARTILE, MEDIAN = (-math.log(-math.log(share)) for share in (0.25, 0.5))  # of 
 class RareDeviation:
     """A deviation of the measured force, `mean_N` [N] over a window, that is none of the noise's; where it lies.
 
-    The mean over other windows of this length exceeds `limit_N` in `FALSE_ALARMS` of the diagnoses.
+    The mean over other windows of this length exceeds `limit_N` in `RareLimits.FALSE_ALARMS` of the diagnoses.
     """
 
     mean_N: float
@@ -38,37 +34,42 @@ class RareDeviation:
 
 
 def find_rare_deviation(
-    traces: Sequence[Trace], forces: Sequence[F], known: Sequence[F] = (), least_N: float = 0.0
+    traces: Sequence[Trace], forces: Sequence[F], on_references: Sequence[F] = (), least_N: float = 0.0
 ) -> RareDeviation | None:
     """Return the largest local deviation of the measured force from `forces` [N] (n,); None if none stands out.
 
     Windows of 10 to 300 ms are compared. The largest of each block of 0.5 s follow a Gumbel distribution (Coles 2001),
     which their lower quartile and their median determine, so that neither events nor the colour of the noise count.
-    What stands out exceeds its limit for this many blocks and windows, `least_N`, and the deviations `known` from
-    references (n,).
+    What stands out exceeds its limit for this many blocks and windows, `least_N`, and the deviations `on_references`
+    (n,).
     """
     errors = [np.where(t.usable, t.force - force, np.nan) for t, force in zip(traces, forces, strict=True)]
-    found = [_test(traces, errors, known, window_s, least_N) for window_s in WINDOWS_S]
-    return max((one for one in found if one is not None), key=lambda one: abs(one.mean_N) / one.limit_N, default=None)
+    deviations = [_test(traces, errors, on_references, window_s, least_N) for window_s in RareLimits.WINDOWS_S]
+    return max(
+        (deviation for deviation in deviations if deviation is not None),
+        key=lambda deviation: abs(deviation.mean_N) / deviation.limit_N,
+        default=None,
+    )
 
 
 def _test(
-    traces: Sequence[Trace], errors: Sequence[F], known: Sequence[F], window_s: float, least_N: float
+    traces: Sequence[Trace], errors: Sequence[F], on_references: Sequence[F], window_s: float, least_N: float
 ) -> RareDeviation | None:
     """Return the largest mean over windows of one length, None if it does not stand out."""
     lengths = [max(round(window_s * t.rate_Hz), 1) for t in traces]
     means = [_moving_mean(error, length) for error, length in zip(errors, lengths, strict=True)]
-    blocks = number_blocks([t.time_s for t in traces], BLOCK_S)
+    blocks = number_blocks([t.time_s for t in traces], EvidenceLimits.BLOCK_S)
     largest = np.full(int(blocks[-1][-1]) + 1, -1.0)
     for mean, block in zip(means, blocks, strict=True):
         np.maximum.at(largest, block, np.nan_to_num(np.abs(mean), nan=-1.0))
     seen = largest[largest >= 0.0]
-    if len(seen) < MIN_BLOCKS:
+    if len(seen) < RareLimits.MIN_BLOCKS:
         return None
     low, middle = np.quantile(seen, (0.25, 0.5))
     scale = (middle - low) / (MEDIAN - QUARTILE)
-    limit_N = float(middle + scale * (math.log(len(seen) * len(WINDOWS_S) / FALSE_ALARMS) - MEDIAN))
-    limit_N = max([limit_N, least_N, *(UNSEEN * _largest(error, lengths[0]) for error in known)])
+    trials = len(seen) * len(RareLimits.WINDOWS_S)
+    limit_N = float(middle + scale * (math.log(trials / RareLimits.FALSE_ALARMS) - MEDIAN))
+    limit_N = max([limit_N, least_N, *(EvidenceLimits.UNSEEN * _largest(error, lengths[0]) for error in on_references)])
     number = int(np.argmax([np.nan_to_num(np.abs(mean)).max(initial=0.0) for mean in means]))
     trace, mean = traces[number], means[number]
     at = int(np.argmax(np.nan_to_num(np.abs(mean))))

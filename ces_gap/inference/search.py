@@ -22,28 +22,17 @@ from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit, count_stuck_parameters, fit_alone, fit_together
 from ces_gap.inference.refinement import Refinement
 from ces_gap.inputs.checks import is_current_constant
+from ces_gap.limits import EvidenceLimits, SearchLimits, VerdictLimits
 from ces_gap.progress import Progress, ignore_progress
 
-MIN_GAIN_SHARE = 0.05  # of the gap's energy that another effect must explain
-MIN_GAIN_SHARE_UNCORRECTED = 0.12  # the same without references: a smaller part may be the simulation's own error
-MIN_GAIN_Z = 2.0
-NEGLIGIBLE_SHARE = 0.01  # of the gap's energy: smaller unexplained shares are not distinguished
-PARAMETER = 0.005  # share of the gap's energy that each parameter costs when effects are ranked
-CLEAR_SHARE = 0.1  # of the noise's energy
-MAX_OF_MAP = 0.5  # of the energy that a good map leaves, which absorbs a part of anything: what replaces it leaves less
 BEAM = 2
-MAX_EFFECTS = 3
 MAX_ADDITIONS = 3  # additions refitted jointly for each composition in the beam
 MAX_SWAPS = 3  # replacements fitted for each effect
 MAX_REFINED_SWAPS = 2  # the best of these
 REFINE_SWAPS_WITHIN_SHARE = 0.2  # of the gap's energy, by which one that is refined may leave more than the best
 MAX_REFINED_FORMS = 10
 REFINE_FORMS_WITHIN_SHARE = 0.4  # the same for the forms of single effects
-MIN_GAP_ENERGY = 0.02  # share of the noise's energy: a smaller gap counts as this large
-MIN_FORM_GAIN_SHARE = 0.02  # of the gap's energy that a form with more parameters must gain
 ALIKE_AT_CONSTANT_CURRENT = frozenset(("current_scale", "force_scale"))
-MAX_ALIKE_SHARE = 0.1  # of the gap's energy by which one of these may leave more than the other
-MIN_ABSORBED_SHARE = 0.8  # share of a signature's energy inside the map that makes the effect not separable
 
 
 @dataclass(frozen=True)
@@ -67,7 +56,7 @@ def search(
     refinement: Refinement,
     threads: int,
     progress: Progress = ignore_progress,
-    min_gain_share: float = MIN_GAIN_SHARE,
+    min_gain_share: float = SearchLimits.MIN_GAIN,
 ) -> EffectSearchResult:
     """Return the best explanations of the evidence by the effects.
 
@@ -80,7 +69,7 @@ def search(
             forms.append(fit)
             progress(f"fitting {fit.names[0]}", len(forms) / len(effects))
     residual = evidence.residual(evidence.alone)
-    energy = max(float(residual @ residual) - len(residual), MIN_GAP_ENERGY * len(residual))
+    energy = max(float(residual @ residual) - len(residual), EvidenceLimits.MIN_GAP_ENERGY * len(residual))
     forms.sort(key=lambda f: f.cost)
     limit = forms[0].cost + REFINE_FORMS_WITHIN_SHARE * energy
     for k, fit in enumerate([f for f in forms[:MAX_REFINED_FORMS] if f.cost < limit]):
@@ -106,7 +95,7 @@ def best_forms(forms: Sequence[EffectFit], energy: float) -> tuple[EffectFit, ..
     chosen: dict[str, EffectFit] = {}
     for fit in sorted(forms, key=lambda f: len(f.searched)):
         simpler = chosen.get(fit.names[0])
-        min_gain = MIN_FORM_GAIN_SHARE * energy if simpler and len(fit.searched) > len(simpler.searched) else 0.0
+        min_gain = SearchLimits.MIN_FORM_GAIN * energy if simpler and len(fit.searched) > len(simpler.searched) else 0.0
         if simpler is None or fit.cost < simpler.cost - min_gain:
             chosen[fit.names[0]] = fit
     return tuple(sorted(chosen.values(), key=lambda f: cost_with_penalty(f, energy)))
@@ -136,7 +125,7 @@ def compute_paired_gain(evidence: Evidence, worse: F, better: F) -> PairedGain:
 def cost_with_penalty(fit: EffectFit, energy: float) -> float:
     """Return the fit's cost plus a penalty for each parameter, by which explanations of this energy are ranked."""
     count = sum(len(e.parameters) for e in fit.effects if e.prior_share == 0.0)
-    return fit.cost + PARAMETER * energy * count + prior_cost(fit, energy)
+    return fit.cost + SearchLimits.PARAMETER * energy * count + prior_cost(fit, energy)
 
 
 def prior_cost(fit: EffectFit, energy: float) -> float:
@@ -162,7 +151,9 @@ def is_worthwhile(evidence: Evidence, before: F, after: EffectFit, min_energy: f
     A gain confined to a few blocks, as at a bump stop, has a large error between blocks however clear it is.
     """
     paired = compute_paired_gain(evidence, before, after.left_out)
-    return paired.energy > min_energy and (paired.z > MIN_GAIN_Z or paired.energy > CLEAR_SHARE * len(before))
+    return paired.energy > min_energy and (
+        paired.z > EvidenceLimits.MIN_GAIN_Z or paired.energy > EvidenceLimits.CLEAR_OF_NOISE * len(before)
+    )
 
 
 def loses_to_nested_form(evidence: Evidence, fit: EffectFit, other: EffectFit, energy: float) -> bool:
@@ -173,13 +164,13 @@ def loses_to_nested_form(evidence: Evidence, fit: EffectFit, other: EffectFit, e
     plausible, or if it leaves less by more than twice the error. Otherwise both are possible.
     """
     pairs = ((fit, other), (other, fit))
-    mine, theirs = ([e for e in one.effects if e.name not in rest.names] for one, rest in pairs)
+    mine, theirs = ([e for e in some.effects if e.name not in others.names] for some, others in pairs)
     if len(mine) != 1 or len(theirs) != 1:
         return False
     gain = compute_paired_gain(evidence, fit.left_out, other.left_out)
-    better = gain.z > MIN_GAIN_Z
+    better = gain.z > EvidenceLimits.MIN_GAIN_Z
     if theirs[0].limit == mine[0].name:
-        price = PARAMETER * energy * (len(other.searched) - len(fit.searched)) if theirs[0].edits else 0.0
+        price = SearchLimits.PARAMETER * energy * (len(other.searched) - len(fit.searched)) if theirs[0].edits else 0.0
         return better and gain.energy > price
     return mine[0].limit == theirs[0].name and (better or count_stuck_parameters(fit) > 0)
 
@@ -213,10 +204,10 @@ def rank_additions(fit: EffectFit, forms: Sequence[EffectFit], baseline_residual
     the tangents and the fitted signature explains; the signature helps where an effect is on its bound.
     """
     others = [f for f in forms if f.names[0] not in fit.names]
-    first: dict[str, EffectFit] = {}
+    best_form: dict[str, EffectFit] = {}
     for other in sorted(others, key=lambda form: -_linear_gain(fit, form, baseline_residual)):
-        first.setdefault(other.names[0], other)
-    return list(first.values())
+        best_form.setdefault(other.names[0], other)
+    return list(best_form.values())
 
 
 def _linear_gain(fit: EffectFit, other: EffectFit, baseline_residual: F) -> float:
@@ -238,7 +229,7 @@ class CompositionSearch:
     energy: float
     refinement: Refinement
     threads: int = 1
-    min_gain_share: float = MIN_GAIN_SHARE  # of the gap's energy that each further effect must explain
+    min_gain_share: float = SearchLimits.MIN_GAIN  # of the gap's energy that each further effect must explain
 
     def grow(self, alone: Sequence[EffectFit], progress: Progress) -> EffectFit | None:
         """Return the best composition, None if no single effect gains more than its error."""
@@ -246,17 +237,18 @@ class CompositionSearch:
         best = next(iter(beam), None)
         if best and not is_worthwhile(self.evidence, residual, best, prior_cost(best, self.energy)):
             best = None
-        for size in range(2, MAX_EFFECTS + 1):
+        for size in range(2, SearchLimits.MAX_EFFECTS + 1):
             left = np.inf if best is None else best.cost - len(residual)
             enough = left < self.min_gain_share * self.energy
             if best is None or (enough and prior_cost(best, self.energy) == 0.0):
                 break
-            progress(f"trying {size} effects together", (size - 1) / MAX_EFFECTS)
+            progress(f"trying {size} effects together", (size - 1) / SearchLimits.MAX_EFFECTS)
             limit = best.cost
             joint = sorted((f for f in self._fit_additions(beam) if f.cost < limit), key=lambda f: f.cost)
             beam = [self.refinement.refine(self.evidence, fit) for fit in joint[:BEAM]]
             better = choose_best_fit(self.evidence, [best, *beam], self.energy)
-            if not self._is_necessary(better, best) or (enough and better.cost - len(residual) > MAX_OF_MAP * left):
+            is_closer = better.cost - len(residual) <= VerdictLimits.HALF * left
+            if not self._is_necessary(better, best) or (enough and not is_closer):  # a map absorbs a part of anything
                 break
             best = better
         return best
@@ -375,8 +367,8 @@ def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit, all
     paired = compute_paired_gain(result.evidence, fit.left_out, best.left_out)
     share = (paired.energy - allowance) / result.gap_energy
     if set(best.names) ^ set(fit.names) == ALIKE_AT_CONSTANT_CURRENT and is_current_constant(result.evidence.traces):
-        return share < MAX_ALIKE_SHARE
-    return share < NEGLIGIBLE_SHARE or (share < MIN_GAIN_SHARE and paired.z < MIN_GAIN_Z)
+        return share < VerdictLimits.TENTH
+    return share < SearchLimits.NEGLIGIBLE or (share < SearchLimits.MIN_GAIN and paired.z < EvidenceLimits.MIN_GAIN_Z)
 
 
 def find_absorbed_effects(result: EffectSearchResult) -> tuple[str, ...]:
@@ -389,7 +381,7 @@ def find_absorbed_effects(result: EffectSearchResult) -> tuple[str, ...]:
 
     def is_inside(signature: F) -> bool:
         outside = signature - tangents @ np.linalg.lstsq(tangents, signature, rcond=None)[0]
-        return bool(outside @ outside < (1.0 - MIN_ABSORBED_SHARE) * (signature @ signature))
+        return bool(outside @ outside < (1.0 - SearchLimits.MIN_ABSORBED) * (signature @ signature))
 
     others = [f for f in result.alone if f not in maps]
     return tuple(f.names[0] for f in others if is_inside(result.baseline_residual - f.residual))

@@ -35,21 +35,11 @@ from ces_gap.inference.judgement import (
     ClosedShare,
     GapSize,
     Judgement,
+    Probabilities,
     VerdictEvidence,
     probability_below,
 )
-from ces_gap.inference.odds import Probabilities
-from ces_gap.inference.search import NEGLIGIBLE_SHARE
-
-# Energies are shares of the gap's on held-out recordings. Each number is a choice; "same" is the range in which none of
-# 20 blind diagnoses (`ces blind make --seed 77120 --cases 20`: run_0, run_2, predictions_0) gets another verdict.
-HALF = 0.5  # what an explanation closes at least, also of what anything closes; right names 0.89; same 0.3 to 0.7
-TENTH = 0.1  # energy that is immaterial, probability that makes possible; same 0.03 to 0.2
-MAX_UNKNOWN = 0.2  # probability beside a name; right ones have 0.16 at most (seeds 20261201, 77120); same 0.12 to 0.4
-MAX_MAP_REST = 0.2  # energy that a map leaves, which absorbs a part of anything; same 0.1 to 0.4
-CLEARLY_MORE = 1.15  # times the RMS that the best leaves, beyond which there is no tie; same 1.05 to 1.5
-CLEAR = 1.5  # times noise or tolerance, below which the simulation's own error may be a cause; same 1 to 3
-MAX_NONE = 1.0 / 3.0  # of a gap that is not within anything: it never leads, by definition
+from ces_gap.limits import SearchLimits, VerdictLimits
 
 
 def judge(evidence: VerdictEvidence) -> Judgement:
@@ -67,7 +57,7 @@ def judge(evidence: VerdictEvidence) -> Judgement:
             return Judgement(NO_GAP, odds, reason)
     if not e.composition:
         odds = weighed
-    odds = odds.with_none(min(odds.none, MAX_NONE))
+    odds = odds.with_none(min(odds.none, VerdictLimits.MAX_NONE))
     if not e.composition or odds.unknown > odds.known:
         return Judgement(UNKNOWN, odds)
     ties = confirm_ties(e, e.search.interchangeable)
@@ -88,18 +78,18 @@ def _weigh_held_out(e: VerdictEvidence, odds: Probabilities) -> Probabilities:
     """
     own = e.may_be_own_error  # a map of it is no cause
     alone = [c for name, c in e.closed_alone.items() if not (own and name == CALIBRATION)]
-    found = [c for c in (e.closed, *alone) if not (math.isnan(c.value) or (own and e.search.is_map))]
-    best = max((c.value for c in found), default=-math.inf)
+    closed = [c for c in (e.closed, *alone) if not (math.isnan(c.value) or (own and e.search.is_map))]
+    best = max((c.value for c in closed), default=-math.inf)
     if not e.composition:  # no effect gains more than its error: none is more probable than an unknown cause
-        return odds.with_unknown(odds.unknown + HALF * odds.known)
-    if e.search.is_map and found:
+        return odds.with_unknown(odds.unknown + VerdictLimits.HALF * odds.known)
+    if e.search.is_map and closed:
         share = min(e.closed.value, 1.0 - e.search.figures.unexplained)
-        support = ClosedShare(share, e.closed.low, e.closed.high).probability_above(1.0 - MAX_MAP_REST)
+        support = ClosedShare(share, e.closed.low, e.closed.high).probability_above(1.0 - VerdictLimits.MAX_MAP_REST)
     else:
-        required = HALF * min(max(best, 0.0 if math.isnan(e.learnt) else e.learnt), 1.0)
-        required = 1.0 - TENTH if own else required
-        support = max((c.probability_above(max(required, TENTH)) for c in found), default=0.0)
-    rest = min(1.0, max(1.0 - best, 0.0) / TENTH)
+        required = VerdictLimits.HALF * min(max(best, 0.0 if math.isnan(e.learnt) else e.learnt), 1.0)
+        required = 1.0 - VerdictLimits.TENTH if own else required
+        support = max((c.probability_above(max(required, VerdictLimits.TENTH)) for c in closed), default=0.0)
+    rest = min(1.0, max(1.0 - best, 0.0) / VerdictLimits.TENTH)
     return odds.with_unknown(rest * (odds.unknown + (1.0 - support) * odds.known))
 
 
@@ -111,8 +101,8 @@ def _weigh_within(e: VerdictEvidence, odds: Probabilities) -> Probabilities:
     within = min(probability_below(size.gap_N, e.search.tolerance_N, high - low) for size in e.sizes)
     physics = [c.value for name, c in e.closed_alone.items() if name not in (CALIBRATION, TIMING)]
     physics += [] if e.search.is_map or {*e.composition} <= {TIMING} else [e.closed.value]
-    if all(_is_within_noise(s, s.gap_N) for s in e.sizes) and not any(share >= HALF for share in physics):
-        within = max(within, HALF)  # nothing in it has a shape
+    if all(_is_within_noise(s, s.gap_N) for s in e.sizes) and not any(share >= VerdictLimits.HALF for share in physics):
+        within = max(within, VerdictLimits.HALF)  # nothing in it has a shape
     log = e.search.is_recorded and {*e.composition} <= {TIMING}
     if log and all(_is_within_noise(s, s.timed_N) for s in e.sizes):  # a sample of a log, not of the simulation
         within = max(within, odds.none + odds.effects.get(TIMING, 0.0))
@@ -159,8 +149,8 @@ def confirm_ties(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple
 
 
 def leaves_clearly_more(other: ClosedShare, best: ClosedShare) -> bool:
-    """True if `other` leaves `CLEARLY_MORE` of the gap than `best`, or closes less by more than its interval."""
-    return 1.0 - other.value > CLEARLY_MORE**2 * (1.0 - best.value) or other.high < best.value
+    """True if `other` leaves clearly more of the gap than `best`, or closes less by more than its interval."""
+    return 1.0 - other.value > VerdictLimits.CLEARLY_MORE**2 * (1.0 - best.value) or other.high < best.value
 
 
 def _find_alternatives(e: VerdictEvidence, odds: Probabilities, ties: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
@@ -170,14 +160,15 @@ def _find_alternatives(e: VerdictEvidence, odds: Probabilities, ties: tuple[tupl
     error decides between no effects.
     """
     gap_N, own_N = e.held_out.gap_N, e.held_out.own_error_N
-    limit = 1.0 - e.closed.value + (TENTH * (own_N / gap_N) ** 2 if gap_N > own_N > 0.0 else 0.0)
+    limit = 1.0 - e.closed.value + (VerdictLimits.TENTH * (own_N / gap_N) ** 2 if gap_N > own_N > 0.0 else 0.0)
     better = [name for name, closed in e.closed_alone.items() if 1.0 - closed.value < limit]
     mapped = {name for name in e.search.absorbed if e.search.is_map and CALIBRATION in e.composition}
-    imitated = [name for name in mapped & {*e.closed_alone} if e.closed_alone[name].value >= HALF * e.closed.value]
-    possible = [(e.composition[0], name) for name, p in odds.effects.items() if p >= TENTH]
+    half = VerdictLimits.HALF * e.closed.value
+    imitated = [name for name in mapped & {*e.closed_alone} if e.closed_alone[name].value >= half]
+    possible = [(e.composition[0], name) for name, p in odds.effects.items() if p >= VerdictLimits.TENTH]
     alike = [name for group in (*ties, *confirm_ties(e, possible)) for name in group]
-    found = dict.fromkeys((*alike, *better, *sorted(imitated)))
-    return tuple(name for name in found if name not in (*e.composition, CALIBRATION))
+    names_found = dict.fromkeys((*alike, *better, *sorted(imitated)))
+    return tuple(name for name in names_found if name not in (*e.composition, CALIBRATION))
 
 
 def _find_doubts(
@@ -191,8 +182,12 @@ def _find_doubts(
     others = {name: p for name, p in odds.effects.items() if name not in e.composition}
     cause, error = odds.known - sum(others.values()), others.get(CALIBRATION, 0.0)
     weights, missed = e.search.weights, e.learnt - e.closed.value
-    is_known = known >= weights.least_known and cause >= max(odds.none, odds.unknown) and odds.unknown <= MAX_UNKNOWN
-    remains = missed > max(NEGLIGIBLE_SHARE, e.search.twin_error) and (
+    is_known = (
+        known >= weights.least_known
+        and cause >= max(odds.none, odds.unknown)
+        and odds.unknown <= VerdictLimits.MAX_UNKNOWN
+    )
+    remains = missed > max(SearchLimits.NEGLIGIBLE, e.search.twin_error) and (
         math.sqrt(missed) * e.held_out.gap_N > e.in_band_N
     )
     doubts = {
@@ -200,7 +195,7 @@ def _find_doubts(
         SIMULATION_ERROR: tuple({CALIBRATION} & {*others}) if error > cause or _may_be_error(e) else None,
         NOT_CONFIRMED: None if e.closed.low > 0.0 else (),
         UNDETERMINED: () if e.is_undetermined else None,
-        LEAVES_MORE: None if e.closed.value >= HALF else (),
+        LEAVES_MORE: None if e.closed.value >= VerdictLimits.HALF else (),
         REMAINS: () if remains or e.leaves_rare else None,
         UNCERTAIN: None if is_known and 1.0 - odds.none >= weights.least_gap else (),
     }
@@ -211,7 +206,7 @@ def _may_be_error(e: VerdictEvidence) -> bool:
     """True without references if a cause may be the simulation's own error: small, imitated, or a map leaves less."""
     if e.search.has_references or {*e.composition} <= {TIMING, PARAMETERS}:
         return False
-    least = [max(CLEAR * max(s.noise_N, e.search.tolerance_N), s.own_error_N) for s in e.sizes]
+    least = [max(VerdictLimits.CLEAR * max(s.noise_N, e.search.tolerance_N), s.own_error_N) for s in e.sizes]
     if any(not size.gap_N > least_N for size, least_N in zip(e.sizes, least, strict=True)):
         return True
     if CALIBRATION in e.composition:
@@ -224,7 +219,7 @@ def _may_be_error(e: VerdictEvidence) -> bool:
 
 def _reject(odds: Probabilities, causes: Sequence[str], possible: Sequence[str]) -> Probabilities:
     """Return the probabilities after effects that held-out recordings leave not `possible` gave way to the `causes`."""
-    kept = {n: p if n in (*causes, *possible) else min(p, TENTH / 2.0) for n, p in odds.effects.items()}
+    kept = {n: p if n in (*causes, *possible) else min(p, VerdictLimits.TENTH / 2.0) for n, p in odds.effects.items()}
     total, rest = sum(kept[name] for name in causes), odds.known - sum(kept.values())
     if total <= 0.0:
         return odds
@@ -233,12 +228,12 @@ def _reject(odds: Probabilities, causes: Sequence[str], possible: Sequence[str])
 
 
 def _make_possible(odds: Probabilities, names: Sequence[str], causes: Sequence[str]) -> Probabilities:
-    """Return the probabilities after those of the `causes` gave way: each name, or an unknown cause, gets `TENTH`.
+    """Return the probabilities after those of the `causes` gave way: each name, or an unknown cause, gets a tenth.
 
     Together the known effects stay as probable as an unknown cause and no gap.
     """
     total, known = sum(odds.effects[name] for name in causes), odds.known
-    level = min(TENTH, total / (len(names) + 1))
+    level = min(VerdictLimits.TENTH, total / (len(names) + 1))
     added = {name: max(level - odds.effects.get(name, 0.0), 0.0) for name in names}
     unknown = 0.0 if names else max(min(level - odds.unknown, (known - odds.unknown) / 2.0, known - odds.none), 0.0)
     kept = 1.0 - (sum(added.values()) + unknown) / total if total > 0.0 else 1.0

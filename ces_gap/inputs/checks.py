@@ -20,25 +20,15 @@ from ces_data.recording import Recording
 from ces_gap.effects.effect import Effect
 from ces_gap.errors import GapError
 from ces_gap.grid import is_constant, rms
+from ces_gap.limits import AgreementLimits, RecordingLimits
 from ces_gap.trace import Trace, usable_inputs, usable_values
+from ces_identify.limits import LackLimits
 from ces_identify.simulations.simulate import sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.validation.evaluate import describe_held, find_outside
 from ces_observer.model import Model
 
-MAX_SATURATED_SHARE = 0.25  # of samples at a limit; a diagnosis needs fewer
 AROUND_S = 0.01  # [s] on both sides of a saturated sample that filters spread it over
-MAX_OUTSIDE_SHARE = 0.5  # share of the time outside the range of a model, above which a comparison is refused
-NOTED_OUTSIDE_SHARE = 0.05  # share from which there is a note
-SLACK = 0.02  # of a range: the speeds of model and trace differ
-MIN_CORRELATION = 0.5  # correlation of the forces from which its sign and the scale count
-SURE = 0.9  # correlation from which a factor that is physically plausible counts as a unit
-NEAR = 0.06  # relative tolerance of such a factor
-ROUGH = 3.0  # tolerance factor of powers of a thousand
-IMPOSSIBLE = 30.0  # factor too large for a gap
-NO_CURRENT = 1e-3  # [A] below it a current counts as zero
-NO_FORCE = 0.2  # share of unusable ticks from which there is a note
-SLOW_M_S = 0.01  # [m/s] a recording of slower motion contains hardly any information
 REAL, HELD_OUT, REFERENCE = "--real", "--held-out", "--reference"
 WHY = {
     HELD_OUT: "held-out recordings must not be fitted: without --held-out a part of --real is set aside",
@@ -48,7 +38,7 @@ WHY = {
 
 @dataclass(frozen=True)
 class ForceUnit:
-    """A ratio of measured to simulated force with its explanation; `rough` allows the tolerance `ROUGH`.
+    """A ratio of measured to simulated force with its explanation; `rough` ones may be far off (`ROUGH`).
 
     `measured` if the measured force is in another unit than N, otherwise the simulated one is.
     """
@@ -77,7 +67,7 @@ def check_recordings(
     """Return notes on the recordings as logged.
 
     Raises GapError for recordings with seconds in common, a missing force or one that saturates for more than
-    `MAX_SATURATED_SHARE`, RecordingError if units or signs differ between recordings.
+    `RecordingLimits.MAX_SATURATED`, RecordingError if units or signs differ between recordings.
     """
     require_distinct(real, held_out, reference)
     everything = [*real, *held_out, *reference]
@@ -85,13 +75,13 @@ def check_recordings(
         if "force" not in recording.channels:
             raise GapError(f"{recording.name}: no measured force; a diagnosis needs one: map it in the signals file")
     require_consistent(everything)
-    found = [f for f in check_each(everything) if not (isinstance(f, SaturationFinding) and f.signal == "force")]
-    notes = [finding.text for finding in found]
+    findings = [f for f in check_each(everything) if not (isinstance(f, SaturationFinding) and f.signal == "force")]
+    notes = [finding.text for finding in findings]
     for recording in everything:
         if limits := find_saturations(recording):
             text = f"{recording.name}: force: {SATURATES}: {describe_saturations(limits)}"
-            if sum(s.share for s in limits) > MAX_SATURATED_SHARE:
-                most = f"expected at most {MAX_SATURATED_SHARE:.0%}"
+            if sum(s.share for s in limits) > RecordingLimits.MAX_SATURATED:
+                most = f"expected at most {RecordingLimits.MAX_SATURATED:.0%}"
                 raise GapError(f"{text}; {most}: record again with a larger range")
             notes.append(f"{text}; they are not used; record with a larger range")
     return tuple(notes)
@@ -100,12 +90,12 @@ def check_recordings(
 def require_distinct(real: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording]) -> None:
     """Raise GapError for duplicate recordings: a model validated on its fitting data would seem perfect."""
     recordings = [*((REAL, r) for r in real), *((HELD_OUT, r) for r in held_out), *((REFERENCE, r) for r in reference)]
-    for (one, first), (other, second) in combinations(recordings, 2):
-        if shared := shared_content(first, second):
-            names = first.name if first.name == second.name else f"{first.name} and {second.name}"
-            if one == other:
-                raise GapError(f"{names}: {shared}, twice under {one}; pass each recording once")
-            raise GapError(f"{names}: {shared}, under {one} and {other}; {WHY[other]}")
+    for (role, recording), (other_role, another) in combinations(recordings, 2):
+        if shared := shared_content(recording, another):
+            names = recording.name if recording.name == another.name else f"{recording.name} and {another.name}"
+            if role == other_role:
+                raise GapError(f"{names}: {shared}, twice under {role}; pass each recording once")
+            raise GapError(f"{names}: {shared}, under {role} and {other_role}; {WHY[other_role]}")
 
 
 def exclude_saturated_ticks(trace: Trace) -> Trace:
@@ -117,8 +107,8 @@ def exclude_saturated_ticks(trace: Trace) -> Trace:
     flat = np.isin(force.values, [s.limit for s in limits])
     start = int(trace.recording.channel("position").stamps_ns[0])
     seconds = np.sort((force.stamps_ns[flat] - start) * 1e-9)
-    first = np.searchsorted(seconds, trace.time_s - AROUND_S)
-    near = first < np.searchsorted(seconds, trace.time_s + AROUND_S, side="right")
+    begin = np.searchsorted(seconds, trace.time_s - AROUND_S)
+    near = begin < np.searchsorted(seconds, trace.time_s + AROUND_S, side="right")
     return replace(trace, usable=trace.usable & ~near)
 
 
@@ -130,7 +120,7 @@ def check_traces(traces: Sequence[Trace], simulation: Simulation, name: str) -> 
     agreement = compare_forces(traces)
     require_same_sign_and_unit(agreement, name)
     notes = list(outside_notes(traces, simulation, name))
-    if abs(agreement.correlation) < MIN_CORRELATION:
+    if abs(agreement.correlation) < AgreementLimits.MIN_CORRELATION:
         notes.append(
             f"the force of {name} hardly correlates with the measured one (correlation {agreement.correlation:.2f}): "
             "check that it simulates this damper and that the signals are mapped correctly"
@@ -138,7 +128,7 @@ def check_traces(traces: Sequence[Trace], simulation: Simulation, name: str) -> 
     notes += missing_force_notes(traces, name)
     for trace in traces:
         speed = float(np.percentile(np.abs(trace.inputs.speed[trace.usable]), 99.0))
-        if speed < SLOW_M_S:
+        if speed < RecordingLimits.MIN_SPEED_M_S:
             notes.append(f"{trace.name}: hardly moves (99 % of the time below {speed:.2g} m/s)")
     if is_current_constant(traces):
         level = float(np.mean([t.inputs.current[t.usable].mean() for t in traces]))
@@ -174,9 +164,9 @@ def require_same_sign_and_unit(agreement: ForceAgreement, name: str) -> None:
     if measured_N == 0.0 or simulated_N == 0.0:
         force = "the measured force" if measured_N == 0.0 else f"the force of {name}"
         raise GapError(f"{force} is constant; expected a force that changes with the stroke: check topic and field")
-    unit, inverted = _find_unit(agreement), agreement.correlation <= -MIN_CORRELATION
+    unit, inverted = _find_unit(agreement), agreement.correlation <= -AgreementLimits.MIN_CORRELATION
     if unit is None and not inverted:
-        if not 1.0 / IMPOSSIBLE < measured_N / simulated_N < IMPOSSIBLE:
+        if not 1.0 / AgreementLimits.IMPOSSIBLE < measured_N / simulated_N < AgreementLimits.IMPOSSIBLE:
             raise GapError(
                 f"{name}: its force changes by {simulated_N:.3g} N RMS, the measured one by {measured_N:.3g} N; "
                 "expected the same damper in the same unit: check the units of the simulation and of the signals file"
@@ -198,9 +188,10 @@ def require_same_sign_and_unit(agreement: ForceAgreement, name: str) -> None:
 def _find_unit(agreement: ForceAgreement) -> ForceUnit | None:
     """Return the unit that explains the gain, None if none does or the forces do not correlate."""
     sure = abs(agreement.correlation)
-    for unit in UNITS if sure >= MIN_CORRELATION else ():
+    for unit in UNITS if sure >= AgreementLimits.MIN_CORRELATION else ():
         off = abs(np.log(abs(agreement.gain) / unit.factor))
-        if off < (np.log(ROUGH) if unit.rough else NEAR) and (unit.rough or sure >= SURE):
+        least = AgreementLimits.MIN_CORRELATION if unit.rough else AgreementLimits.SURE
+        if sure >= least and off < (np.log(AgreementLimits.ROUGH) if unit.rough else AgreementLimits.NEAR):
             return unit
     return None
 
@@ -209,7 +200,7 @@ def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) ->
     """Yield a note, with the worst input, for each recording that is often outside the range of the simulation.
 
     And one for each on which the force of the model inside it was held at its envelope.
-    Raises GapError if all together are outside for more than `MAX_OUTSIDE_SHARE` of the time.
+    Raises GapError if all together are outside for more than `LackLimits.MAX_OUTSIDE` of the time.
     """
     model = model_inside(simulation)
     if model is None:
@@ -220,19 +211,19 @@ def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) ->
         beyond = np.zeros(int(trace.usable.sum()), bool)
         for signal, taken in values.items():
             low, high = model.envelope.by_signal[signal]
-            slack = SLACK * max(high - low, abs(high), abs(low))
+            slack = AgreementLimits.RANGE_SLACK * max(high - low, abs(high), abs(low))
             beyond |= (taken < low - slack) | (taken > high + slack)
         outside[trace.name] = float(beyond.mean()), "; ".join(map(str, find_outside(model, values)))
     ticks = np.array([int(t.usable.sum()) for t in traces])
     overall = float(ticks @ [outside[t.name][0] for t in traces]) / max(int(ticks.sum()), 1)
-    if overall > MAX_OUTSIDE_SHARE:
+    if overall > LackLimits.MAX_OUTSIDE:
         worst = max(outside, key=lambda n: outside[n][0])
         raise GapError(
             f"{name}: outside the range it was identified on for {overall:.0%} of the time, most in {worst} "
             f"({outside[worst][1]}); expected an overlap: identify on recordings like these, or diagnose on others"
         )
     for recording, (share, where) in outside.items():
-        if share > NOTED_OUTSIDE_SHARE:
+        if share > AgreementLimits.NOTED_OUTSIDE:
             yield (
                 f"{recording}: {share:.0%} of the time outside the range {name} was identified on ({where}); part of "
                 "the gap is extrapolation"
@@ -252,7 +243,7 @@ def missing_force_notes(traces: Sequence[Trace], name: str) -> Iterator[str]:
             wholes.append((trace, trace.usable))
     for trace, usable in wholes:
         share = 1.0 - float(usable.mean())
-        if share > NO_FORCE:
+        if share > RecordingLimits.MAX_UNUSED:
             yield (
                 f"{trace.name}: {share:.0%} of the time is not used: position, current, measured force or the force of "
                 f"{name} is missing"
@@ -285,7 +276,7 @@ def model_inside(simulation: Simulation) -> Model | None:
 def is_current_constant(traces: Sequence[Trace]) -> bool:
     """True if the current is constant within and between recordings."""
     current = usable_inputs(traces, "current")
-    return bool(len(current)) and is_constant(current, NO_CURRENT)
+    return bool(len(current)) and is_constant(current, RecordingLimits.MIN_CURRENT_A)
 
 
 def find_invisible_effects(effects: Sequence[Effect], traces: Sequence[Trace]) -> tuple[tuple[str, str], ...]:
@@ -296,7 +287,8 @@ def find_invisible_effects(effects: Sequence[Effect], traces: Sequence[Trace]) -
     if not is_current_constant(traces):
         return ()
     level = float(np.abs(usable_inputs(traces, "current")).mean())
-    visible = {e.name for e in effects if "current" not in e.needs or ("zero" in e.needs and level > NO_CURRENT)}
-    first = {e.name: e for e in reversed(effects)}  # the first form of each
+    is_zero = level <= RecordingLimits.MIN_CURRENT_A
+    visible = {e.name for e in effects if "current" not in e.needs or ("zero" in e.needs and not is_zero)}
+    by_name = {e.name: e for e in reversed(effects)}  # the first form of each
     names = [name for name in dict.fromkeys(e.name for e in effects) if name not in visible]
-    return tuple((name, f"it needs {first[name].needs}; the current stays at {level:.3g} A") for name in names)
+    return tuple((name, f"it needs {by_name[name].needs}; the current stays at {level:.3g} A") for name in names)

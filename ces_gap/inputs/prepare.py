@@ -17,16 +17,13 @@ from ces_gap.errors import GapError
 from ces_gap.inputs.checks import exclude_saturated_ticks
 from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
 from ces_gap.inputs.probes import correct_inputs
+from ces_gap.limits import RecordingLimits, TwinLimits
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, open_trace, require_usable, with_simulation
 from ces_identify.numerics.search import clock_s
 from ces_identify.simulations.simulation import Simulation, find_predictions
 
-MIN_FIT_S = 4.0  # [s] usable for the fit
 PARTS, PART_S = 10, 1.0  # of a single recording, shortest part [s]; every third part is held out
-SLOW_S = 0.025  # [s] of processor time: a simulation that is slower over all real recordings is replaced
-SLOW_CLOCK_S = 0.25  # [s] of the clock: the same for one that waits, for a file or for another process
-MAX_TWIN_COST_J = 20.0  # [%] up to it, effects inside the twin are told apart
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ class DiagnosisInput:
         """Why no effect can be put inside the twin, empty if they can."""
         if self.twin is None:
             return "it hardly moves"
-        return "" if self.twin.cost_J <= MAX_TWIN_COST_J else f"its twin leaves J {self.twin.cost_J:.3g} %"
+        return "" if self.twin.cost_J <= TwinLimits.MAX_COST_J else f"its twin leaves J {self.twin.cost_J:.3g} %"
 
 
 def prepare_recordings(
@@ -99,14 +96,14 @@ def prepare_recordings(
     if not held:
         fitted, held = set_aside(fitted)
     seconds = sum(float(t.usable.sum()) / t.rate_Hz for t in fitted)
-    if seconds < MIN_FIT_S:
+    if seconds < RecordingLimits.MIN_FIT_S:
         raise GapError(
             f"{', '.join(t.name for t in fitted)}: {seconds:.1f} s remain for the fit; "
-            f"expected at least {MIN_FIT_S:g} s; pass longer or more --real recordings"
+            f"expected at least {RecordingLimits.MIN_FIT_S:g} s; pass longer or more --real recordings"
         )
     progress("probing the simulation", 0.0)
-    found, simulation = correct_inputs(simulation, fitted, references)
-    if found.corrected:
+    probed, simulation = correct_inputs(simulation, fitted, references)
+    if probed.corrected:
         fitted, held, references = (
             [with_simulation(t, simulation.force(t.recording)) for t in traces] for traces in (fitted, held, references)
         )
@@ -122,8 +119,8 @@ def prepare_recordings(
     cheap = twin if is_slow and twin is not None else exact
     if cheap is None:
         raise GapError(f"{', '.join(t.name for t in fitted)}: hardly any motion; expected strokes of the damper")
-    is_corrected = bool(references or found.corrected or original is not simulation)
-    return DiagnosisInput(tuple(fitted), tuple(held), tuple(references), exact, cheap, twin, found, is_corrected)
+    is_corrected = bool(references or probed.corrected or original is not simulation)
+    return DiagnosisInput(tuple(fitted), tuple(held), tuple(references), exact, cheap, twin, probed, is_corrected)
 
 
 def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
@@ -144,6 +141,6 @@ def runs_slowly(simulation: DirectSimulator, traces: Sequence[Trace]) -> bool:
         processor, clock = time.process_time(), clock_s()
         for trace in traces:
             simulation.force(trace, trace.inputs)
-        if time.process_time() - processor <= SLOW_S and clock_s() - clock <= SLOW_CLOCK_S:
+        if time.process_time() - processor <= TwinLimits.SLOW_S and clock_s() - clock <= TwinLimits.SLOW_CLOCK_S:
             return False
     return True

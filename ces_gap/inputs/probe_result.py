@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ces_gap.baseline.input_timing import MAX_DELAY_S, MAX_LEAD_SAMPLES, ON_TIME, InputTiming
+from ces_gap.baseline.wrappers import MAX_DELAY_S, MAX_LEAD_SAMPLES, ON_TIME, InputTiming
+from ces_gap.limits import ProbeLimits
 
 STATIC, HELD, INTERPOLATED, EARLY, LATE, UNCLEAR = "static", "held", "interpolated", "early", "late", "unclear"
-MIN_LEAD = 0.3  # samples: a smaller lead is not found
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class SimulationProbe:
     def timing(self) -> InputTiming:
         """The timing that can be undone, at its certain values."""
         lead, delay_s = self.current_lead_samples, self.position_delay_s[0]
-        is_lead = math.isfinite(lead) and MIN_LEAD <= abs(lead) <= MAX_LEAD_SAMPLES
+        is_lead = math.isfinite(lead) and ProbeLimits.MIN_SHIFT_SAMPLES <= abs(lead) <= MAX_LEAD_SAMPLES
         return InputTiming(round(lead, 2) if is_lead else 0.0, min(delay_s, MAX_DELAY_S))
 
 
@@ -88,15 +88,15 @@ CURRENT_MEANINGS = {
 }
 
 
-def _describe(found: SimulationProbe) -> Iterator[ProbeFinding]:
+def _describe(probe: SimulationProbe) -> Iterator[ProbeFinding]:
     """Yield a finding for each question whose answer is not what it should be."""
-    done, lead, (delay_s, highest_s) = found.corrected, found.current_lead_samples, found.position_delay_s
-    if found.is_learnt:
+    done, lead, (delay_s, highest_s) = probe.corrected, probe.current_lead_samples, probe.position_delay_s
+    if probe.is_learnt:
         lead, delay_s = 0.0, 0.0
-    if abs(lead) >= MIN_LEAD:  # not if it is unknown
-        text = f"{abs(lead):.2g} samples ({1e3 * abs(found.current_lead_s):.2g} ms) {'early' if lead > 0.0 else 'late'}"
+    if abs(lead) >= ProbeLimits.MIN_SHIFT_SAMPLES:  # not if it is unknown
+        text = f"{abs(lead):.2g} samples ({1e3 * abs(probe.current_lead_s):.2g} ms) {'early' if lead > 0.0 else 'late'}"
         corrected = _say_corrected(bool(done.current_lead_samples), "valve lag")
-        meaning = f"{CURRENT_MEANINGS[found.current_convention]}; {corrected}"
+        meaning = f"{CURRENT_MEANINGS[probe.current_convention]}; {corrected}"
         yield ProbeFinding("Current", text, meaning, bool(done.current_lead_samples))
     if delay_s > 0.0:
         upto = f" to {1e3 * highest_s:.2g}" if highest_s > 1.1 * delay_s else ""
@@ -104,12 +104,12 @@ def _describe(found: SimulationProbe) -> Iterator[ProbeFinding]:
         corrected = _say_corrected(bool(done.position_delay_s), "position delay")
         is_corrected = bool(done.position_delay_s)
         yield ProbeFinding("Position", f"{1e3 * delay_s:.2g}{upto} ms late", f"{why}; {corrected}", is_corrected)
-    if found.noise_N > 0.0:
+    if probe.noise_N > 0.0:
         why = "equal calls differ, or the force is rough at constant speed and current: a part of the gap is this noise"
-        yield ProbeFinding("Noise", f"{found.noise_N:.2g} N RMS", why)
-    if found.memory_N > 0.0:
+        yield ProbeFinding("Noise", f"{probe.noise_N:.2g} N RMS", why)
+    if probe.memory_N > 0.0:
         why = "equal calls differ after another one: the simulation keeps a state, so results depend on their order"
-        yield ProbeFinding("Earlier calls", f"{found.memory_N:.2g} N RMS", why)
+        yield ProbeFinding("Earlier calls", f"{probe.memory_N:.2g} N RMS", why)
 
 
 def _say_corrected(corrected: bool, effect: str) -> str:

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from ces_data.arrays import F, Mask
 from ces_data.recording import Channel, Recording
-from ces_gap.baseline.input_timing import MAX_DELAY_S, ON_TIME, InputTiming, RetimedSimulation
 from ces_gap.baseline.plant import DirectSimulator
+from ces_gap.baseline.wrappers import MAX_DELAY_S, ON_TIME, InputTiming, RetimedSimulation
 from ces_gap.grid import derivative, is_constant, rms
-from ces_gap.inputs.probe_result import EARLY, HELD, INTERPOLATED, LATE, MIN_LEAD, NOT_PROBED, STATIC, SimulationProbe
+from ces_gap.inputs.probe_result import EARLY, HELD, INTERPOLATED, LATE, NOT_PROBED, STATIC, SimulationProbe
+from ces_gap.limits import EvidenceLimits, ProbeLimits, SearchLimits
 from ces_gap.progress import OptionalSteps
 from ces_gap.trace import Trace, usable_values
 from ces_identify.simulations.simulation import ModelSimulation, Simulation, find_predictions
@@ -31,24 +32,14 @@ SETTLED = 0.4  # of a half-stroke: what came before the corner has settled
 STEP_AT = 0.55  # of a half-stroke: a step of the current
 AFTER_STEP = 0.36  # of a half-stroke in which the answer is watched, up to the corner
 SLOWER = 0.4  # of the higher speed: the other one
-MIN_SPEED_M_S = 1e-3  # [m/s] slower recordings do not move
-MAX_STEP_S = 0.0125  # [s] of the samples: fewer show no step of the current
 TONES_HZ = np.array([12.0, 21.0, 33.0, 50.0, 65.0, 85.0, 110.0, 145.0, 190.0, 250.0])
 LOW_TONES = 4  # as many show the lag of force behind speed
 MAX_TONE = 0.25  # of the sample rate: above it differences of samples are no speed
 TONE_SHARE = 0.02  # of the speed: the speed of each small cosine
-MIN_ANSWER = 0.01  # of the force's RMS: smaller changes by a step of current show nothing
-MIN_DELAY_SAMPLES, MIN_DELAY_S = 0.3, 0.2e-3
-MIN_DAMPING_RATIO, MAX_DAMPING_RATIO = 1.15, 4.0  # of two operating points that tell a filter from a soft damper
 FAST = 4  # as many half-strokes at the higher speed, where the valve is open, then as many at the other
-ACTIVE_RAD = 1.65  # lag of force behind speed beyond which no damper is passive
-SURE = 3.0  # standard errors
 MIN_NOISE = 1e-6  # of the force's RMS: rounding
-MIN_ROUGHNESS, MIN_TICKS = 2e-3, 10  # of the force's RMS, ticks that show it
-WHITE = 0.5  # correlation of successive values below which a difference counts as noise
-MAX_OPEN = 1.5  # highest over certain delay: beyond, the damper's own elasticity is a part of the lag, and may be all
+MIN_TICKS = 10  # of a half-stroke, that show whether a force is rough
 LEFT_OPEN = 0.1  # of a delay: how far the recordings may choose another one
-MIN_GAIN = 0.02  # of the energy of the error: a correction that gains less is not made
 
 
 @dataclass(frozen=True)
@@ -94,9 +85,9 @@ def probe(simulation: Simulation, trace: Trace) -> SimulationProbe:
         return _run(simulation, trace.recording, run)
 
     steps = OptionalSteps()
-    found = steps.run("probe of the simulation", lambda: _ask(force, _find_range(trace)), NOT_PROBED)
-    found = replace(found, note="; ".join(steps.notes)) if steps.notes else found
-    return replace(found, calls=len(runs), seconds=time.monotonic() - start)
+    result = steps.run("probe of the simulation", lambda: _ask(force, _find_range(trace)), NOT_PROBED)
+    result = replace(result, note="; ".join(steps.notes)) if steps.notes else result
+    return replace(result, calls=len(runs), seconds=time.monotonic() - start)
 
 
 def correct_inputs(
@@ -108,12 +99,12 @@ def correct_inputs(
     model that was identified has learnt the timing of its inputs: it is not corrected. Nor is what does not bring the
     simulation closer: the real current may be smooth instead of held.
     """
-    found = probe(simulation, traces[0])
+    result = probe(simulation, traces[0])
     if isinstance(simulation.innermost, ModelSimulation):
-        return replace(found, is_learnt=True), simulation
-    if not found.timing:
-        return found, simulation
-    judges, (low_s, high_s), best = references or traces, found.position_delay_s, ON_TIME
+        return replace(result, is_learnt=True), simulation
+    if not result.timing:
+        return result, simulation
+    judges, (low_s, high_s), best = references or traces, result.position_delay_s, ON_TIME
     measured = usable_values(judges, [t.force for t in judges])
 
     def left(timing: InputTiming) -> float:
@@ -122,16 +113,16 @@ def correct_inputs(
         return rms(measured - usable_values(judges, forces)) ** 2
 
     def better(timing: InputTiming) -> InputTiming:
-        return timing if left(timing) < (1.0 - MIN_GAIN) * left(best) else best
+        return timing if left(timing) < (1.0 - SearchLimits.MIN_FORM_GAIN) * left(best) else best
 
-    if lead := found.timing.current_lead_samples:
+    if lead := result.timing.current_lead_samples:
         best = better(InputTiming(lead))
-    if low_s > 0.0 and high_s < MAX_OPEN * low_s:  # the recordings choose within what the probe leaves open
+    if low_s > 0.0 and high_s < ProbeLimits.MAX_OPEN * low_s:  # the recordings choose within what the probe leaves open
         delays = np.linspace((1.0 - LEFT_OPEN) * low_s, min((1.0 + LEFT_OPEN) * high_s, MAX_DELAY_S), 3)
         curve = np.polyfit(delays, [left(replace(best, position_delay_s=float(d))) for d in delays], 2)
         vertex = -0.5 * curve[1] / curve[0] if curve[0] > 0.0 else delays[int(np.argmin(np.polyval(curve, delays)))]
         best = better(replace(best, position_delay_s=float(np.clip(vertex, delays[0], delays[-1]))))
-    return replace(found, corrected=best), RetimedSimulation(simulation, best) if best else simulation
+    return replace(result, corrected=best), RetimedSimulation(simulation, best) if best else simulation
 
 
 def _run(simulation: Simulation, like: Recording, run: _Run) -> F:
@@ -177,8 +168,8 @@ def _move(at: _Range, speeds: Sequence[float], levels: Sequence[float], jump: fl
 
 def _ask(run: Runner, at: _Range) -> SimulationProbe:
     (low_A, high_A), fast, slow = at.current_A, at.speed_m_s, SLOWER * at.speed_m_s
-    if not fast > MIN_SPEED_M_S or at.step_s > MAX_STEP_S:
-        why = "hardly moves" if at.step_s <= MAX_STEP_S else f"has a position every {at.step_s:.2g} s only"
+    if not fast > ProbeLimits.MIN_SPEED_M_S or at.step_s > ProbeLimits.MAX_STEP_S:
+        why = "hardly moves" if at.step_s <= ProbeLimits.MAX_STEP_S else f"has a position every {at.step_s:.2g} s only"
         return SimulationProbe(note=f"the simulation was not probed: the recording {why}")
     base = _move(at, [fast] * FAST + [slow] * FAST, [low_A, low_A, high_A, high_A] * 2)
     tones = TONES_HZ[TONES_HZ * at.step_s <= MAX_TONE]
@@ -186,21 +177,21 @@ def _ask(run: Runner, at: _Range) -> SimulationProbe:
     speed = TONE_SHARE * np.where(base.time_s < FAST * HALF_STROKE_S, fast, slow)
     waves = np.cos(2.0 * np.pi * np.outer(base.time_s, tones) + phases) / (2.0 * np.pi * tones)
     added = speed * waves.sum(axis=1)
-    first, less, again = (run(base.with_stroke(sign * added)) for sign in (1.0, -1.0, 1.0))
-    known = np.isfinite(first) & np.isfinite(less) & np.isfinite(again)
-    size_N = rms(first[known]) if known.any() else 0.0
-    noise_N, memory_N = _compare_calls(again[known] - first[known], size_N)
-    found, answer = SimulationProbe(sample_s=at.step_s, noise_N=noise_N, memory_N=memory_N), 0.5 * (first - less)
-    if len(tones) >= LOW_TONES and size_N > 0.0 and np.ptp(answer[known]) > MIN_NOISE * size_N:
+    plus, minus, repeated = (run(base.with_stroke(sign * added)) for sign in (1.0, -1.0, 1.0))
+    finite = np.isfinite(plus) & np.isfinite(minus) & np.isfinite(repeated)
+    size_N = rms(plus[finite]) if finite.any() else 0.0
+    noise_N, memory_N = _compare_calls(repeated[finite] - plus[finite], size_N)
+    result, answer = SimulationProbe(sample_s=at.step_s, noise_N=noise_N, memory_N=memory_N), 0.5 * (plus - minus)
+    if len(tones) >= LOW_TONES and size_N > 0.0 and np.ptp(answer[finite]) > MIN_NOISE * size_N:
         points, is_fast = _find_damping(answer, added, tones, at.step_s)
         if len(points):
             ticks = (1.0 - SETTLED) * HALF_STROKE_S / at.step_s
             scatter = 2.0 * noise_N / math.sqrt(ticks) / (TONE_SHARE * slow)  # of the damping [N s/m]
-            found = _find_filter(found, points, is_fast, tones, scatter)
+            result = _find_filter(result, points, is_fast, tones, scatter)
     if high_A > low_A:
-        found = _find_lead(found, run, at, MIN_ANSWER * size_N)
-    rough_N = _measure_roughness(0.5 * (first + less), at.step_s)
-    return replace(found, noise_N=max(noise_N, rough_N if rough_N > MIN_ROUGHNESS * size_N else 0.0))
+        result = _find_lead(result, run, at, ProbeLimits.MIN_ANSWER * size_N)
+    rough_N = _measure_roughness(0.5 * (plus + minus), at.step_s)
+    return replace(result, noise_N=max(noise_N, rough_N if rough_N > ProbeLimits.MIN_ROUGHNESS * size_N else 0.0))
 
 
 def _parts(values: F, step_s: float) -> Iterator[Mask]:
@@ -221,7 +212,7 @@ def _compare_calls(difference: F, size_N: float) -> tuple[float, float]:
     """Return the noise and the memory [N] that the difference of two equal calls shows; another was in between."""
     if len(difference) < 2 or rms(difference) <= MIN_NOISE * size_N:
         return 0.0, 0.0
-    is_white = abs(float(difference[1:] @ difference[:-1])) < WHITE * float(difference @ difference)
+    is_white = abs(float(difference[1:] @ difference[:-1])) < ProbeLimits.WHITE * float(difference @ difference)
     return (rms(difference) / math.sqrt(2.0), 0.0) if is_white else (0.0, rms(difference))
 
 
@@ -242,7 +233,7 @@ def _find_damping(answer: F, added: F, tones: F, step_s: float) -> tuple[NDArray
 
 
 def _find_filter(
-    found: SimulationProbe, damping: NDArray[np.complex128], is_fast: Mask, tones: F, scatter: float
+    result: SimulationProbe, damping: NDArray[np.complex128], is_fast: Mask, tones: F, scatter: float
 ) -> SimulationProbe:
     """Return the probe with the delay of a filter on the position; `damping` (points, tones) has a `scatter`.
 
@@ -253,20 +244,21 @@ def _find_filter(
     low = w[:LOW_TONES]
     fitted = np.linalg.pinv(np.stack([low, low**3, 1.0 / low], axis=1))[0]  # the lag at the frequencies of strokes
     lag = -phase[:, :LOW_TONES] @ fitted  # without that of a spring in parallel, such as gas, over frequency
-    error_s = SURE * scatter / max(float(size.min()), 1e-9) * float(np.linalg.norm(fitted))
-    rest = _extrapolate(lag[is_fast], size[is_fast]) or _extrapolate(lag, size)
+    error_s = EvidenceLimits.SURE * scatter / max(float(size.min()), 1e-9) * float(np.linalg.norm(fitted))
+    undamped = _extrapolate(lag[is_fast], size[is_fast]) or _extrapolate(lag, size)
     highest = max(float(lag.min()), 0.0)
-    certain = min(float(np.median(rest)) if rest else 0.0, highest)
-    if not rest and (phase.min(axis=1) < -ACTIVE_RAD).all():
+    certain = min(float(np.median(undamped)) if undamped else 0.0, highest)
+    if not undamped and (phase.min(axis=1) < -ProbeLimits.ACTIVE_RAD).all():
         certain = highest
-    is_found = certain - error_s > max(MIN_DELAY_SAMPLES * found.sample_s, MIN_DELAY_S)
-    return replace(found, position_delay_s=(certain if is_found else 0.0, highest + error_s))
+    is_found = certain - error_s > max(ProbeLimits.MIN_SHIFT_SAMPLES * result.sample_s, ProbeLimits.MIN_DELAY_S)
+    return replace(result, position_delay_s=(certain if is_found else 0.0, highest + error_s))
 
 
 def _extrapolate(lag: F, size: F) -> list[float]:
     """Return the lag [s] (n,) at no damping, from each pair of points whose damping `size` (n,) [N s/m] differs."""
     points = range(len(lag))
-    pairs = [(i, j) for i in points for j in points if MIN_DAMPING_RATIO < size[j] / size[i] < MAX_DAMPING_RATIO]
+    low, high = ProbeLimits.MIN_DAMPING_RATIO, ProbeLimits.MAX_DAMPING_RATIO
+    pairs = [(i, j) for i in points for j in points if low < size[j] / size[i] < high]
     return [float(lag[i] - (lag[j] - lag[i]) / (size[j] / size[i] - 1.0)) for i, j in pairs]
 
 
@@ -274,11 +266,11 @@ def _demodulate(values: F, seconds: F, tones: F) -> NDArray[np.complex128]:
     """Return the complex amplitude of each tone, all fitted at once under a window."""
     angle, window = 2.0 * np.pi * np.outer(seconds, tones), np.hanning(len(seconds))
     columns = np.concatenate([np.cos(angle), np.sin(angle), np.ones((len(seconds), 1))], axis=1)
-    found = np.linalg.lstsq(columns * window[:, None], values * window, rcond=None)[0]
-    return np.asarray(found[: len(tones)] - 1j * found[len(tones) : 2 * len(tones)])
+    weights = np.linalg.lstsq(columns * window[:, None], values * window, rcond=None)[0]
+    return np.asarray(weights[: len(tones)] - 1j * weights[len(tones) : 2 * len(tones)])
 
 
-def _find_lead(found: SimulationProbe, run: Runner, at: _Range, least_N: float) -> SimulationProbe:
+def _find_lead(result: SimulationProbe, run: Runner, at: _Range, least_N: float) -> SimulationProbe:
     """Return the probe with how the simulation takes steps of current, from the same steps at two sample intervals.
 
     Interpolation leads by a share of the interval, a valve's own lag is the same at both: the area between the answers,
@@ -287,28 +279,28 @@ def _find_lead(found: SimulationProbe, run: Runner, at: _Range, least_N: float) 
     (low_A, high_A), speeds = at.current_A, [at.speed_m_s] * FAST
     coarse, fine = (_move(at, speeds, [high_A, low_A] * 2, STEP_AT, finer) for finer in (1, 2))
     fine = replace(fine, current=np.repeat(coarse.current, 2)[: len(fine.stroke)])
-    force, other = run(coarse), run(fine)[::2]
+    force, finer_force = run(coarse), run(fine)[::2]
     before, after = (round(share * HALF_STROKE_S / at.step_s) for share in (STEP_AT - SETTLED, AFTER_STEP))
     area = sizes = own = 0.0
     ticks = 0
-    for first in np.flatnonzero(np.diff(coarse.current)) + 1:
-        part, number = slice(first - before, first + after), np.arange(-before, after)
-        if not np.isfinite(force[part] - other[part]).all():
+    for step in np.flatnonzero(np.diff(coarse.current)) + 1:
+        part, number = slice(step - before, step + after), np.arange(-before, after)
+        if not np.isfinite(force[part] - finer_force[part]).all():
             continue
-        rest = number < -1
-        answer = force[part] - np.polyval(np.polyfit(number[rest], force[part][rest], 1), number)
-        apart = (force - other)[part] - float((force - other)[part][rest].mean())
+        earlier = number < -1
+        answer = force[part] - np.polyval(np.polyfit(number[earlier], force[part][earlier], 1), number)
+        apart = (force - finer_force)[part] - float((force - finer_force)[part][earlier].mean())
         size = float(answer[-(len(answer) // 4) :].mean())
         sign = math.copysign(1.0, size)
         area, sizes, own = area + sign * float(apart.sum()), sizes + abs(size), own + sign * float(answer[before])
         ticks += len(answer)
-    error = SURE * 2.0 * found.noise_N * math.sqrt(2.0 * ticks) / max(sizes, 1e-9)
-    if sizes <= FAST * least_N or error > MIN_LEAD:
-        return found
+    error = EvidenceLimits.SURE * 2.0 * result.noise_N * math.sqrt(2.0 * ticks) / max(sizes, 1e-9)
+    if sizes <= FAST * least_N or error > ProbeLimits.MIN_SHIFT_SAMPLES:
+        return result
     lead = 2.0 * area / sizes
     how = EARLY if lead > 0.0 else LATE
-    if abs(lead) < MIN_LEAD:
+    if abs(lead) < ProbeLimits.MIN_SHIFT_SAMPLES:
         how = STATIC if own / sizes > 0.9 else HELD  # the answer in the step's own sample
     elif abs(lead - 0.5) < 0.2:
         how = INTERPOLATED
-    return replace(found, current_lead_samples=lead, current_convention=how)
+    return replace(result, current_lead_samples=lead, current_convention=how)

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_gap.grid import rms
 from ces_gap.inference.fit import Interval
+from ces_gap.limits import RecordingLimits, RegionLimits
 from ces_gap.trace import Trace
 
 
@@ -52,18 +54,12 @@ STROKE, SPEED, CURRENT, DIRECTION = "stroke_m", "speed_m_s", "current_A", "direc
 FREQUENCY, REVERSAL, ELAPSED, HEAT = "frequency_hz", "since_reversal_s", "elapsed_s", "heat_J"
 OPERATING = (STROKE, SPEED, CURRENT, DIRECTION, REVERSAL, ELAPSED, HEAT)  # known tick by tick
 
-HYSTERESIS = 0.05  # of the speed's RMS, which the speed must exceed after a reversal
-MIN_HYSTERESIS_M_S = 0.002  # [m/s]
-MIN_REGION_SHARE, MIN_REGION_TICKS = 0.003, 25
 QUANTILES = (0.005, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 0.995)  # rare extremes get their own regions
 SPEED_QUANTILES = (0.15, 0.4, 0.7, 0.9, 0.97, 0.993)  # of its magnitude: the edges are symmetric
 REVERSAL_EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [s]
-FEW_LEVELS = 12  # as many distinct values get a region each
 FINEST = 500.0  # edges are rounded to no less than the axis' range over this
-CONSTANT = 0.02  # range over magnitude below which a quantity is constant
 MAPS = ((SPEED, STROKE), (SPEED, CURRENT), (SPEED, REVERSAL))
 FIELDS = {SPEED: 16, STROKE: 12, CURRENT: 8}  # approximate number along an axis
-MIN_FIELD_TICKS = 25  # a field with fewer is left empty
 
 
 def axis_values(trace: Trace) -> dict[str, F]:
@@ -91,7 +87,7 @@ def reversals(trace: Trace) -> tuple[F, F]:
     time is that of the zero crossing.
     """
     speed = trace.inputs.speed
-    width = max(HYSTERESIS * float(np.sqrt((speed[trace.usable] ** 2).mean())), MIN_HYSTERESIS_M_S)
+    width = max(RegionLimits.HYSTERESIS * rms(speed[trace.usable]), RegionLimits.MIN_HYSTERESIS_M_S)
     sure = np.flatnonzero(np.abs(speed) > width)
     if not len(sure):
         return np.ones(len(speed)), trace.time_s - trace.time_s[0]
@@ -109,7 +105,7 @@ def axis_edges(axis: str, values: F) -> F:
         edges = np.array([-1.0, 0.0, 1.0])
     elif is_constant(values):  # a single region
         low, high = float(values.min()), float(values.max())
-        step = round_to_one_two_five(max(abs(low), abs(high), 1e-3) * CONSTANT, up=True)
+        step = round_to_one_two_five(max(abs(low), abs(high), 1e-3) * RecordingLimits.CONSTANT, up=True)
         first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
         return _decimal(np.array([first, max(last, first + 1.0)]), step)
     elif axis == REVERSAL:
@@ -143,7 +139,7 @@ def even_edges(values: F, count: int) -> F:
 
 def is_constant(values: F) -> bool:
     """Return whether an axis varies too little to be divided."""
-    return float(np.ptp(values)) <= CONSTANT * max(float(np.abs(values).max()), 1e-9)
+    return float(np.ptp(values)) <= RecordingLimits.CONSTANT * max(float(np.abs(values).max()), 1e-9)
 
 
 def round_to_one_two_five(value: float, up: bool) -> float:
@@ -158,8 +154,8 @@ def _levels(values: F) -> F | None:
     """Return edges midway between the levels of a quantity with only a few, None if it has many."""
     grid = float(np.ptp(values)) / 100.0
     _, group, counts = np.unique(np.round(values / grid), return_inverse=True, return_counts=True)
-    frequent = np.flatnonzero(counts >= max(MIN_REGION_SHARE * len(values), MIN_REGION_TICKS))
-    if not 2 <= len(frequent) <= FEW_LEVELS or counts[frequent].sum() < 0.9 * len(values):
+    frequent = np.flatnonzero(counts >= max(RegionLimits.MIN_SHARE * len(values), RegionLimits.MIN_TICKS))
+    if not 2 <= len(frequent) <= RegionLimits.FEW_LEVELS or counts[frequent].sum() < 0.9 * len(values):
         return None
     levels = [float(np.median(values[group == k])) for k in frequent]
     return np.array([values.min(), *(np.diff(levels) / 2.0 + levels[:-1]), values.max()])
@@ -180,7 +176,7 @@ def _readable(edges: F) -> F:
 
 def _merge_sparse_regions(edges: F, values: F) -> F:
     """Return the edges after merging each region with too few ticks into its smaller neighbour."""
-    min_ticks = max(MIN_REGION_SHARE * len(values), MIN_REGION_TICKS)
+    min_ticks = max(RegionLimits.MIN_SHARE * len(values), RegionLimits.MIN_TICKS)
     while len(edges) > 2:
         counts = np.bincount(region_indices(edges, values), minlength=len(edges) - 1)
         small = int(np.argmin(counts))
@@ -210,4 +206,4 @@ def compute_gap_map(axes: tuple[str, str], values: Mapping[str, F], energy: F) -
     field = b * shape[1] + a
     ticks, total = (np.bincount(field, w, minlength=shape[0] * shape[1]) for w in (np.ones(len(field)), energy))
     rms = np.sqrt(np.maximum(total, 0.0) / np.maximum(ticks, 1.0))
-    return GapMap(axes, edges, np.where(ticks >= MIN_FIELD_TICKS, rms, np.nan).reshape(shape))
+    return GapMap(axes, edges, np.where(ticks >= RegionLimits.MIN_TICKS, rms, np.nan).reshape(shape))

@@ -236,8 +236,8 @@ def _cells(energy: Energy, axes: Sequence[_Axis]) -> _Cells:
 
 def _operating_scores(cells: _Cells, axes: Sequence[_Axis], length: int, rng: np.random.Generator) -> tuple[F, F]:
     """Return the normal scores (r,) of regions' excess over the rest of their axes, and those of redraws (b, r)."""
-    first = len(axes[0].edges) - 1
-    members = np.c_[cells.seconds, cells.seconds[:, :first].sum(axis=1)]
+    of_first_axis = len(axes[0].edges) - 1
+    members = np.c_[cells.seconds, cells.seconds[:, :of_first_axis].sum(axis=1)]
     within = members.sum(axis=0)
 
     def excess(sums: F) -> F:

@@ -13,7 +13,7 @@ from ces_gap.effects.effect import Setting
 from ces_gap.errors import GapError
 from ces_gap.inference.fit import Estimate
 from ces_gap.report.charts import find_largest_errors, speed_force, time_plot
-from ces_gap.report.formatting import effect_name, parameter_text, sentence_case
+from ces_gap.report.formatting import effect_name, newtons, parameter_text, sentence_case
 from ces_gap.report.gap_json import (
     FLAG,
     INTERVAL,
@@ -49,9 +49,9 @@ def describe(c: Calibration) -> str:
 
 
 def _describe_changes(c: Calibration, changed: Sequence[FittedParameter]) -> str:
-    before, after = _newtons(c.before_N), _newtons(c.after_N)
+    before, after = newtons(c.before_N), newtons(c.after_N)
     if not changed and c.before_N <= c.noise_N:
-        return f"No parameter is off: the gap of {before} RMS lies within the noise of {_newtons(c.noise_N)}."
+        return f"No parameter is off: the gap of {before} RMS lies within the noise of {newtons(c.noise_N)}."
     if not changed:
         shrinks = f"hardly shrinks, to {after}," if c.after_N < c.before_N else "does not shrink"
         return f"No parameter is off: the gap of {before} RMS {shrinks} with any of them fitted."
@@ -78,19 +78,21 @@ def _describe_missing(c: Calibration, changed: Sequence[FittedParameter]) -> str
         return ""
     beside = "beside them" if len(changed) > 1 else "beside it" if changed else "in the simulation"
     what = sentence_case(describe_setting(c.missing.setting))
-    return f"{what} is missing {beside}: with it {_newtons(c.missing.gap_after_N)} are left."
+    return f"{what} is missing {beside}: with it {newtons(c.missing.gap_after_N)} are left."
 
 
 def _describe_alternatives(c: Calibration) -> str:
     """Return what would explain the gap as well in place of the best explanation."""
-    texts = [describe_alternative(one) for one in c.alternatives]
+    texts = [describe_alternative(alternative) for alternative in c.alternatives]
     return f"As much would be explained by {'; or by '.join(texts)}." if texts else ""
 
 
-def describe_alternative(one: Alternative) -> str:
+def describe_alternative(alternative: Alternative) -> str:
     """Return other values of parameters, and an effect, as `seal_N of 43 instead of 25 and friction of 20 N`."""
-    values = [f"{p.name} of {format_number(p.value)} instead of {format_number(p.default)}" for p in one.parameters]
-    effects = [] if one.effect is None else [describe_setting(one.effect)]
+    values = [
+        f"{p.name} of {format_number(p.value)} instead of {format_number(p.default)}" for p in alternative.parameters
+    ]
+    effects = [] if alternative.effect is None else [describe_setting(alternative.effect)]
     return join_with([*values, *effects])
 
 
@@ -115,10 +117,6 @@ def _describe_doubts(c: Calibration) -> str:
         where = f"{join_with(doubtful)} {verb} at a bound or far from the default"
         texts.append(f"{where}: rather a sign that the simulation lacks something than a value.")
     return " ".join(texts)
-
-
-def _newtons(value: float) -> str:
-    return f"{format_number(value)} N"
 
 
 def _remark(p: FittedParameter) -> str:
@@ -207,10 +205,12 @@ def calibration_files(
     facts: Mapping[str, str],
 ) -> dict[str, str]:
     """Return the texts of `calibrated.json` and `report.html`; `sim` comes from `name_simulation`."""
-    used = {role: [{"recording": r.name, "sha256": r.sha256} for r in found] for role, found in sources.items()}
+    used = {
+        role: [{"recording": r.name, "sha256": r.sha256} for r in recordings] for role, recordings in sources.items()
+    }
     provenance = {"tool": f"ces_observer {__version__}", **used}
     document = {"schema": SCHEMA, "simulation": dict(sim), **calibration_content(c), "provenance": provenance}
-    real = join_names([r.name for found in sources.values() for r in found])
+    real = join_names([r.name for recordings in sources.values() for r in recordings])
     page = calibration_page(c, f"Parameters of {PurePath(c.spec).name} from {real}", facts)
     return {FILE: format_document(to_plain_json(document, FILE)), REPORT: page}
 
@@ -225,7 +225,7 @@ def load_calibrated(path: Path, open_simulation: Callable[[str], Simulation]) ->
     values = parse_json(read_bounded(path, MAX_BYTES), str(path))
     file = read_document(DOCUMENT, values, str(path), SCHEMA, "run `ces calibrate` again", GapError)
     simulation = open_named(path, file["simulation"], open_simulation, "calibrate")
-    fitted = {name: one["value"] for name, one in file["parameters"].items()}
+    fitted = {name: parameter["value"] for name, parameter in file["parameters"].items()}
     if unknown := set(fitted) - {p.name for p in simulation.parameters}:
         raise GapError(f"{path}: {file['simulation'].spec} has no parameter {join_with(sorted(unknown))} now")
     return simulation.with_values(fitted)

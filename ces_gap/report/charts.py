@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_gap.diagnosis import GapMap, GapRegion, HeldOutSeries, NextExperiment
+from ces_gap.limits import RegionLimits
 from ces_gap.report.formatting import AXES, SIDES, axis_figure, axis_range, axis_title, percent, region_name
 from ces_gap.trace import usable_values
 from ces_report.drawing import (
@@ -33,7 +34,6 @@ from ces_report.typesetting import MAX_FIGURES, format_number, format_range, thr
 SHARE_SIZE = (300.0, 186.0)
 SHARE_BOX = (34.0, 30.0, 258.0, 122.0)  # left, top, width, height [px]
 LETTER = 8.4  # [px] of a tick's label in print
-FALSE_DISCOVERIES = 0.05  # rate below which a region exceeds the rest of its axis
 SHARE_ROOM = 1.08
 MAP_SIZE = (360.0, 326.0)
 MAP_BOX = (48.0, 30.0, 304.0, 206.0)  # left, top, width, height [px]
@@ -99,7 +99,7 @@ def shares_ci95(regions: Sequence[GapRegion]) -> F:
 
 def _draw_region(p: Panel, k: int, region: GapRegion, ends: F) -> str:
     """Return the bar of a region with its whisker and its values, in full colour if it exceeds the rest."""
-    css = "energy beyond" if region.q_value <= FALSE_DISCOVERIES else "energy"
+    css = "energy beyond" if region.q_value <= RegionLimits.SIGNIFICANT else "energy"
     bar = p.rect(k + 0.06, k + 0.94, css, 0.0, 100.0 * region.share_of_energy)
     low, high = (float(v) for v in p.y.px(np.clip(100.0 * ends, 0.0, p.y.high)))
     whisker = f'<path class="span" d="M{float(p.x.px(k + 0.5)):.1f},{low:.1f}V{high:.1f}"/>'

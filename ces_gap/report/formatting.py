@@ -98,6 +98,11 @@ def parameter_as_declared(estimate: Estimate) -> tuple[str, str, str, str]:
     return estimate.name, format_number(estimate.value), "", format_range(*estimate.ci95)
 
 
+def newtons(value: float) -> str:
+    """Return a force as `8.1 N`."""
+    return f"{format_number(value)} N"
+
+
 def percent(share: float) -> str:
     """Return a share as a whole percentage, a dash if it is unknown."""
     if not math.isfinite(share):

@@ -78,19 +78,19 @@ def to_plain_json(item: object, where: str) -> Any:
     raise GapError(f"{where}: a {type(item).__name__}; expected text, numbers, lists or objects of them")
 
 
-def many(one: Field, least: int = 0) -> Field:
+def many(kind: Field, least: int = 0) -> Field:
     """Return the field of a list."""
-    return Field(kind=one, many=True, min_count=least)
+    return Field(kind=kind, many=True, min_count=least)
 
 
-def by_name(one: Field) -> Field:
+def by_name(kind: Field) -> Field:
     """Return the field of an object with any keys."""
-    return Field(kind=ByName(one))
+    return Field(kind=ByName(kind))
 
 
-def or_null(one: Field) -> Field:
+def or_null(kind: Field) -> Field:
     """Return the field of a value that may be None."""
-    return replace(one, null=None)
+    return replace(kind, null=None)
 
 
 def word(*choices: str) -> Field:
@@ -111,7 +111,7 @@ def itself(item: Any) -> Any:
 def estimates(explanation: Any) -> dict[str, dict[str, Any]]:
     """Return the estimates of an explanation by effect and parameter."""
     by_effect = zip(explanation.effects, explanation.estimates, strict=True)
-    return {effect: {one.name: one for one in found} for effect, found in by_effect}
+    return {effect: {estimate.name: estimate for estimate in of_effect} for effect, of_effect in by_effect}
 
 
 def shrink_of_ceiling(d: Diagnosis) -> float:

@@ -17,11 +17,11 @@ from ces_gap.diagnosis import (
     Interval,
     NextExperiment,
     Where,
-    describe_correction,
     find_best_other,
     find_closest,
 )
 from ces_gap.inference.judgement import PARAMETERS
+from ces_gap.limits import EvidenceLimits, RegionLimits
 from ces_gap.report.charts import (
     draw_gap_maps,
     draw_share_charts,
@@ -32,6 +32,7 @@ from ces_gap.report.charts import (
 )
 from ces_gap.report.formatting import effect_name, join_effect_names, percent, percents, region_name, sentence_case
 from ces_gap.report.gap_json import to_plain_json
+from ces_gap.report.sentences import describe_correction
 from ces_gap.report.tables import (
     calibration_table,
     cause_table,
@@ -45,7 +46,6 @@ from ces_report.shell import page_template, replace_unencodable
 from ces_report.typesetting import format_range, three_figures
 
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
-SIGNIFICANT = 0.05  # p-value of the test over all regions
 STEP_ROOM = 1.04  # of the longest bar or interval
 MAX_CONTROL = 2.0  # of the longest gap: a longer bar of a control is cut off and marked
 SAME = 1e-9  # relative difference below which the references had no influence
@@ -175,7 +175,7 @@ def _next_step(d: Diagnosis) -> str:
     if d.next_experiment is not None:
         purpose = d.next_experiment.purpose
         return f"Record the experiment {effect_name(d.next_experiment.name)} (below): {purpose.rstrip('.')}."
-    hidden = d.verdict == NO_GAP and d.gap.rms_N > 2.0 * d.gap.noise_floor_N
+    hidden = d.verdict == NO_GAP and d.gap.rms_N > EvidenceLimits.VISIBLE * d.gap.noise_floor_N
     if hidden and d.correction is not None:
         return "Take a better simulation: its own error hides smaller effects."
     if hidden:
@@ -241,7 +241,7 @@ def _where(ident: str, what: str, where: Where) -> dict[str, Any]:
     """Return the sentence and the figures that locate `what`."""
     r, p = where.strongest, where.max_p_value
     sentence = f"No region stands out: the {what} is spread over the whole operating range."
-    if r is not None and p <= SIGNIFICANT:
+    if r is not None and p <= RegionLimits.SIGNIFICANT:
         energy, samples = percent(r.share_of_energy), percent(r.share_of_samples)
         sentence = f"The {what} is most concentrated at {region_name(r)}: {energy} % of its energy in {samples} % of "
         sentence += f"the time (p = {p:.2g} over all regions)."

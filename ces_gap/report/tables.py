@@ -23,6 +23,7 @@ from ces_gap.effects.effect import Setting
 from ces_gap.effects.refitted import NetworkPart
 from ces_gap.inference.judgement import CALIBRATION, PARAMETERS
 from ces_gap.inputs.probe_result import ProbeFinding
+from ces_gap.limits import RegionLimits
 from ces_gap.report.formatting import (
     effect_name,
     join_effect_names,
@@ -33,14 +34,14 @@ from ces_gap.report.formatting import (
     region_name,
     sentence_case,
 )
-from ces_report.table import Column, Table
+from ces_report.table import BAR, Column, Table
 from ces_report.typesetting import format_number, format_range, minus, three_figures
 
 MAX_ROWS = 6  # effects with a row of their own
 TOGETHER = "together"
 ALWAYS = 3  # as many effects always have a row
 MIN_PROBABILITY = 0.005  # of a further effect with a row
-CLEAR_Q, MAX_REGIONS = 0.05, 10  # false-discovery rate and number of the regions in the before-after table
+MAX_REGIONS = 10  # in the before-after table
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,6 @@ def _with_small(text: str, small: str) -> Markup:
     return Markup("{}<small>{}</small>").format(text, small)
 
 
-BAR = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
 CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     Column(
         "Cause",
@@ -224,7 +224,9 @@ def composition_table(d: Diagnosis) -> Table[Part] | None:
         return None
     gaps = c.without_N or (math.nan,) * len(c.effects)
     parts = zip(c.effects, c.forms, c.estimates, c.composition.settings, gaps, strict=True)
-    rows = [(effect_name(e), effect_name(f), describe_parameters(found, s), gap) for e, f, found, s, gap in parts]
+    rows = [
+        (effect_name(e), effect_name(f), describe_parameters(of_effect, s), gap) for e, f, of_effect, s, gap in parts
+    ]
     columns: tuple[Column[Part], ...] = (
         Column("", lambda part: part[0], html=lambda p: _with_small(p[0], p[1]), css="cause"),
         Column("", lambda part: ", ".join(map(str, part[2])), html=lambda part: parameter_list(part[2])),
@@ -270,7 +272,7 @@ RegionGap = tuple[GapRegion, float]  # a region and the gap after [N] in it
 
 def region_table(d: Diagnosis) -> Table[RegionGap] | None:
     """Return the gap before and after in the regions where it is significantly larger than elsewhere; None without."""
-    regions = [(r, after) for r, after in d.by_region if r.q_value <= CLEAR_Q][:MAX_REGIONS]
+    regions = [(r, after) for r, after in d.by_region if r.q_value <= RegionLimits.SIGNIFICANT][:MAX_REGIONS]
     longest = max([max(r.rms_N, after) for r, after in regions] + [1e-9])
 
     def bars(row: RegionGap) -> Markup:

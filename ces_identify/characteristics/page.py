@@ -6,38 +6,53 @@ their own, and loops are shown for a few test points, each an amplitude and freq
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F
-from ces_identify.characteristics import tables
-from ces_identify.characteristics.cycles import DIRECTIONS
+from ces_identify.characteristics.cycles import DIRECTIONS, SHARES
 from ces_identify.characteristics.motion import MEASURED
-from ces_identify.characteristics.rows import TABLES, Characteristics, ConditionRow, CycleWork, LoopPoint, columns
+from ces_identify.characteristics.rows import (
+    TABLES,
+    Characteristics,
+    ConditionRow,
+    ContinuousForce,
+    CycleWork,
+    LoopPoint,
+    Omission,
+    PeakForce,
+    RecordingFacts,
+    ValveResponse,
+)
 from ces_identify.limits import StepLimits
 from ces_observer.json_text import write_atomically
 from ces_report.drawing import span_of
 from ces_report.figure import CURVES, PlotMark
 from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, curve_css, draw_plot, series_css, share_points
 from ces_report.shell import command_block, page_template, replace_unencodable
-from ces_report.typesetting import join_names
+from ces_report.table import Column, Table, as_csv, columns_of, row_fields, rows_as_csv
+from ces_report.typesetting import format_decimal, join_names
 
 PAGE, COLUMNS = "characteristics.html", "columns.csv"
-MAX_OPEN_ROWS = 20  # of a table that is not folded
 MAX_TEST_POINTS = 3  # amplitudes and frequencies whose loops are shown
 SAME_TEST = 0.06  # relative difference of amplitude and frequency within a test point
 MANY_SOURCES = 3
 BAND_POINTS = 400  # a band is drawn in columns, which should touch each other
 SPEED, FORCE = "Speed [m/s]", "Force [N]"
 SPREAD = "bounds measured"  # the style of a band of measured forces
+MAX_ROWS = 60  # of a table on the page, about; the CSV file has all
+WIDTH_SHARES = {0.25: "Width at 25\N{NO-BREAK SPACE}% of the peak speed [N]", 0.5: "at 50\N{NO-BREAK SPACE}%"}
+WIDTH_SHARES |= {0.75: "at 75\N{NO-BREAK SPACE}%"}  # at which the page shows the hysteresis
+MISSING = "–"
+CONDITION = ("current_A", "amplitude_m", "frequency_Hz", "cycles")
+OneRow = TypeVar("OneRow", bound=ConditionRow)
 
 
 def write_characteristics(folder: str | Path, results: Characteristics, *, command: str = "") -> list[Path]:
@@ -47,29 +62,14 @@ def write_characteristics(folder: str | Path, results: Characteristics, *, comma
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    texts = {
-        f"{table}.csv": _as_csv([name for name, _, _ in columns(row)], map(astuple, getattr(results, table)))
-        for table, row in TABLES.items()
-    }
-    described = [(table, *column) for table, row in TABLES.items() for column in columns(row)]
-    texts[COLUMNS] = _as_csv(("table", "column", "unit", "meaning"), described)
+    texts = {f"{table}.csv": rows_as_csv(row, getattr(results, table)) for table, row in TABLES.items()}
+    fields = [(table, field) for table, row in TABLES.items() for field in row_fields(row).values()]
+    described = [(table, field.name, field.unit, field.meaning) for table, field in fields]
+    texts[COLUMNS] = as_csv([("table", "column", "unit", "meaning"), *described])
     for name, text in texts.items():
         write_atomically(folder / name, text)
     write_atomically(folder / PAGE, format_page(results, command))
     return [folder / name for name in (PAGE, *texts)]
-
-
-def _as_csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return rows below a head; numbers have seven figures, NaN is an empty cell."""
-
-    def cell(value: object) -> object:
-        if not isinstance(value, float):
-            return value
-        return "" if np.isnan(value) else f"{value:.7g}"
-
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([head, *([cell(value) for value in row] for row in rows)])
-    return text.getvalue()
 
 
 def format_page(results: Characteristics, command: str = "") -> str:
@@ -85,23 +85,117 @@ def format_page(results: Characteristics, command: str = "") -> str:
         return [(draw_plot(plot, limit), plot.title) for plot in some]
 
     beside = f" beside {join_names(results.sources[1:])}" if len(results.sources) > 1 else ""
-    long_tables = (tables.peak_table, tables.work_table, tables.zero_speed_table, tables.width_table)
-    short_tables = (tables.response_table, tables.recording_table, tables.omission_table)
+    long_tables = (peak_table, work_table, zero_speed_table, width_table)
+    short_tables = (response_table, recording_table, omission_table)
     page = page_template("characteristics.html.j2", "ces_identify.characteristics", ("characteristics.css",)).render(
         title=f"Characteristics: {join_names([r.name for r in results.recordings])}{beside}",
         command=command_block(command) if command else "",
         results=results,
         simulations=results.sources[1:],
-        tolerance=tables.number(results.current_tolerance_A),
+        tolerance=format_decimal(results.current_tolerance_A),
         peaks=draw(peaks),
         loops=[draw(pair) for pair in loops],
         responses=draw(responses),
         motions=draw(motions),
-        **{make.__name__: tables.choose_rows(make(results)) for make in long_tables},
+        **{make.__name__: choose_rows(make(results)) for make in long_tables},
         **{make.__name__: make(results) for make in short_tables},
-        fold=MAX_OPEN_ROWS,
     )
     return replace_unencodable(page)
+
+
+def peak_table(results: Characteristics) -> Table[PeakForce]:
+    """Return a row for each condition and direction: measured force, and each simulation's with its difference."""
+    columns = columns_of(PeakForce, *CONDITION, "direction", "speed_m_s", "force_N")
+    columns += _list_simulated(results, results.peak_velocity, "force_N", "difference_N")
+    title = "force at the peak speed (± standard deviation between cycles)"
+    return Table(columns, _select_measured(results.peak_velocity), title)
+
+
+def work_table(results: Characteristics) -> Table[CycleWork]:
+    """Return a row for each condition: measured work, and each simulation's with its difference, or what it implies."""
+    alone = len(results.sources) == 1  # in a terminal there is room for one or the other
+    implied = columns_of(CycleWork, "damping_Ns_m", "zero_width_N", "rebound_ratio")
+    implied[1] = replace(implied[1], terminal_only=True)  # a table of its own on pages
+    columns = columns_of(CycleWork, *CONDITION, "work_J")
+    columns += _list_simulated(results, results.work, "work_J", "difference_J")
+    columns += implied if alone else [replace(column, page_only=True) for column in implied[::2]]
+    others = ", equivalent damping, hysteresis at zero speed, rebound over compression" if alone else ""
+    return Table(columns, _select_measured(results.work), f"work per cycle{others}")
+
+
+def zero_speed_table(results: Characteristics) -> Table[CycleWork]:
+    """Return a row for each condition: the measured forces at zero speed."""
+    columns = columns_of(CycleWork, *CONDITION, "zero_width_N", "zero_width_per_ms_N", "mid_force_N")
+    return Table(columns, _select_measured(results.work))
+
+
+def width_table(results: Characteristics) -> Table[tuple[ContinuousForce, ...]]:
+    """Return the hysteresis width at WIDTH_SHARES of the peak speed; a row is a curve: its points at all SHARES."""
+    size, rows = len(SHARES), results.continuous
+    at = {share: int(abs(SHARES - share).argmin()) for share in WIDTH_SHARES}
+    (width, force) = columns_of(ContinuousForce, "width_N", "force_N")
+    columns = [_of_point(0, column) for column in columns_of(ContinuousForce, *CONDITION, "source", "direction")]
+    columns += [_of_point(at[share], replace(width, heading=heading)) for share, heading in WIDTH_SHARES.items()]
+    columns.append(_of_point(at[0.5], replace(force, heading="Force at 50\N{NO-BREAK SPACE}% [N]")))
+    return Table(columns, [rows[k : k + size] for k in range(0, len(rows), size)])
+
+
+def response_table(results: Characteristics) -> Table[ValveResponse]:
+    """Return a row for each kind of step and source, times in ms."""
+    names = ("from_A", "to_A", "direction", "source", "steps", "speed_m_s", "force_change_N")
+    times = ("dead_time_s", "time_constant_s", "time_63_s", "rise_s")
+    title = "response of the valve (± half the 95 % interval)"
+    return Table(columns_of(ValveResponse, *names, *times), results.responses, title)
+
+
+def recording_table(results: Characteristics) -> Table[RecordingFacts]:
+    """Return a row for each recording: what the results rest on."""
+    return Table(columns_of(RecordingFacts), results.recordings)
+
+
+def omission_table(results: Characteristics) -> Table[Omission]:
+    """Return a row for each reason why something in a recording was not used."""
+    return Table(columns_of(Omission), [omission for omission in results.omissions if omission.recording != "all"])
+
+
+def choose_rows(table: Table[Any]) -> Table[Any]:
+    """Return a table for the page: of many rows, those of evenly chosen conditions of each current."""
+    conditions: dict[float, dict[tuple[float, float], list[Any]]] = {}
+    for row in table.rows:
+        point = row[0] if isinstance(row, tuple) else row
+        of_current = conditions.setdefault(point.current_A, {})
+        of_current.setdefault((point.amplitude_m, point.frequency_Hz), []).append(row)
+    every = max(1, math.ceil(len(table.rows) / MAX_ROWS))
+    shown = [row for own in conditions.values() for some in list(own.values())[::every] for row in some]
+    return replace(table, rows=shown, left_out=len(table.rows) - len(shown))
+
+
+def _of_point(number: int, column: Column[Any]) -> Column[Any]:
+    """Return a column of one point of a curve."""
+    return replace(column, text=lambda curve: column.text(curve[number]))
+
+
+def _select_measured(rows: Sequence[OneRow]) -> list[OneRow]:
+    return [row for row in rows if row.source == MEASURED]
+
+
+def _list_simulated(results: Characteristics, rows: Sequence[ConditionRow], *names: str) -> list[Column[Any]]:
+    """Return each simulation's value and difference; a terminal has room for the values of one simulation only."""
+
+    def condition(row: ConditionRow) -> tuple[Any, ...]:
+        return row.current_A, row.amplitude_m, row.frequency_Hz, getattr(row, "direction", "")
+
+    def of_source(source: str, column: Column[Any]) -> Column[Any]:
+        same = {condition(row): row for row in rows if row.source == source}
+        return replace(column, text=lambda row: column.text(same[key]) if (key := condition(row)) in same else MISSING)
+
+    columns, several = [], len(results.sources) > 2
+    for source in results.sources[1:] if rows else ():
+        value, difference = (row_fields(type(rows[0]))[name] for name in names)
+        value = replace(value, heading=source, short="" if several else source, spread="")
+        difference = replace(difference, short=f"{source} difference" if several else "difference")
+        columns += [of_source(source, replace(value.column, head_css="as-is")), of_source(source, difference.column)]
+    return columns
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ces_identify.characteristics.cycles import REASONS, Cycles
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion
+from ces_report.table import column, whole, words
 
-NAN = float("nan")
 ALL = "all"
 NO_CYCLES = (
     "no cycle repeats at a constant current: record sines, triangles or a slow sweep, each at a constant current "
@@ -26,47 +26,44 @@ NO_STEPS = "cannot know: the current has no steps"
 NO_STEPS_READ = "cannot know: no step of the current while the piston moves at a constant speed; see the table of steps"
 
 
-def column(unit: str, meaning: str, default: Any = NAN) -> Any:
-    """Declare a column with its unit ("" for words, "1" for a number without unit) and meaning."""
-    return field(default=default, metadata={"unit": unit, "meaning": meaning})
-
-
 @dataclass(frozen=True, kw_only=True)
 class ConditionRow:
     """What was recorded: source of the force, current, stroke, and the number of cycles."""
 
-    source: str = column("", "`measured`, or the simulation", "")
-    current_A: float = column("A", "mean current of the level")
+    source: str = words("`measured`, or the simulation", "Force")
+    current_A: float = column("A", "mean current of the level", "Current", "current")
     current_width_A: float = column("A", "largest minus smallest mean current of the level's cycles")
-    amplitude_m: float = column("m", "mean amplitude: half the distance between the turning points")
-    frequency_Hz: float = column("Hz", "mean frequency of the cycles")
-    cycles: int = column("1", "number of cycles", 0)
+    amplitude_m: float = column(
+        "m", "mean amplitude: half the distance between the turning points", "Amplitude", "amplitude", milli=True
+    )
+    frequency_Hz: float = column("Hz", "mean frequency of the cycles", "Frequency", "frequency")
+    cycles: int = whole("number of cycles", "Cycles", "cycles")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PeakForce(ConditionRow):
     """Peak velocity pick-up: the force at the peak speed of a stroke."""
 
-    direction: str = column("", "compression or rebound", "")
-    speed_m_s: float = column("m/s", "mean peak speed, negative in rebound")
-    force_N: float = column("N", "mean force there")
+    direction: str = words("compression or rebound", "Direction")
+    speed_m_s: float = column("m/s", "mean peak speed, negative in rebound", "Speed", "speed")
+    force_N: float = column("N", "mean force there", "Force", "force", digits=4, spread="sd")
     force_sd_N: float = column("N", "standard deviation between cycles")
-    difference_N: float = column("N", "simulated minus measured force")
+    difference_N: float = column("N", "simulated minus measured force", "Difference", "difference", spread="sd")
     difference_sd_N: float = column("N", "standard deviation of the difference between cycles")
-    note: str = column("", "reason for an empty cell", "")
+    note: str = words("reason for an empty cell")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContinuousForce(ConditionRow):
     """Continuous force-speed diagram: both branches of a stroke at a share of its peak speed, and hysteresis."""
 
-    direction: str = column("", "compression or rebound", "")
+    direction: str = words("compression or rebound", "Direction")
     speed_m_s: float = column("m/s", "speed, negative in rebound")
     accelerating_N: float = column("N", "mean force while the speed rises")
     decelerating_N: float = column("N", "mean force while the speed falls")
-    force_N: float = column("N", "mean of both branches")
+    force_N: float = column("N", "mean of both branches", "Force", digits=4)
     force_sd_N: float = column("N", "its standard deviation between cycles")
-    width_N: float = column("N", "hysteresis: how much more the decelerating branch resists")
+    width_N: float = column("N", "hysteresis: how much more the decelerating branch resists", "Width", spread="sd")
     width_sd_N: float = column("N", "its standard deviation between cycles")
     difference_N: float = column("N", "simulated minus measured mean force of both branches")
 
@@ -86,35 +83,61 @@ class LoopPoint(ConditionRow):
 class CycleWork(ConditionRow):
     """Work of a cycle, and what the force does at zero speed."""
 
-    work_J: float = column("J", "mean energy dissipated in a cycle: area of the loop force over position")
+    work_J: float = column(
+        "J",
+        "mean energy dissipated in a cycle: area of the loop force over position",
+        "Work",
+        "work",
+        digits=4,
+        spread="sd",
+    )
     work_sd_J: float = column("J", "standard deviation between cycles")
     power_W: float = column("W", "work times frequency")
     damping_Ns_m: float = column(
-        "Ns/m", "viscous damping that dissipates as much: work over the integral of speed squared"
+        "Ns/m",
+        "viscous damping that dissipates as much: work over the integral of speed squared",
+        "Equivalent damping",
+        "damping",
     )
     damping_sd_Ns_m: float = column("Ns/m", "standard deviation between cycles")
-    mid_force_N: float = column("N", "mean of the forces at the two zero speeds: gas force and static offset")
+    mid_force_N: float = column(
+        "N",
+        "mean of the forces at the two zero speeds: gas force and static offset",
+        "Mid force at zero speed",
+        spread="sd",
+    )
     mid_force_sd_N: float = column("N", "standard deviation between cycles")
-    zero_width_N: float = column("N", "force at full compression minus force at full rebound, both at zero speed")
+    zero_width_N: float = column(
+        "N",
+        "force at full compression minus force at full rebound, both at zero speed",
+        "Width at zero speed",
+        "width at 0",
+        spread="sd",
+    )
     zero_width_sd_N: float = column("N", "standard deviation between cycles")
-    zero_width_per_ms_N: float = column("N", "its change if force and position were 1 ms apart")
-    rebound_ratio: float = column("1", "peak force of rebound over that of compression, as measured, without sign")
-    difference_J: float = column("J", "simulated minus measured work")
+    zero_width_per_ms_N: float = column("N", "its change if force and position were 1 ms apart", "Per 1 ms of delay")
+    rebound_ratio: float = column(
+        "1",
+        "peak force of rebound over that of compression, as measured, without sign",
+        "Rebound / compression",
+        "ratio",
+    )
+    difference_J: float = column("J", "simulated minus measured work", "Difference", "difference", spread="sd")
     difference_sd_J: float = column("J", "standard deviation of the difference between cycles")
-    note: str = column("", "reason for an empty cell", "")
+    note: str = words("reason for an empty cell")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedBin:
     """Quantiles of the force in a bin of speed, over any motion."""
 
-    source: str = column("", "`measured`, or the simulation", "")
+    source: str = words("`measured`, or the simulation")
     current_from_A: float = column("A", "lowest current in the group")
     current_to_A: float = column("A", "highest current in the group")
     speed_from_m_s: float = column("m/s", "lower edge of the bin")
     speed_to_m_s: float = column("m/s", "upper edge of the bin")
-    samples: int = column("1", "samples in the bin", 0)
-    visits: int = column("1", "separate passes through the bin", 0)
+    samples: int = whole("samples in the bin")
+    visits: int = whole("separate passes through the bin")
     low_N: float = column("N", "10 % quantile of the force")
     median_N: float = column("N", "median of the force")
     high_N: float = column("N", "90 % quantile of the force")
@@ -124,13 +147,13 @@ class SpeedBin:
 class StepResponse:
     """The response of the force to one step of the current."""
 
-    source: str = column("", "`measured`, or the simulation", "")
-    recording: str = column("", "name of the recording", "")
+    source: str = words("`measured`, or the simulation")
+    recording: str = words("name of the recording")
     time_s: float = column("s", "when the current began to change, from the first position sample")
     time_doubt_s: float = column("s", "half the sampling interval of the current in which it did")
     from_A: float = column("A", "current before")
     to_A: float = column("A", "current after")
-    direction: str = column("", "compression or rebound", "")
+    direction: str = words("compression or rebound")
     speed_m_s: float = column("m/s", "mean speed before the step")
     before_N: float = column("N", "force before")
     after_N: float = column("N", "force after it has settled")
@@ -138,42 +161,53 @@ class StepResponse:
     dead_time_s: float = column("s", "dead time of a first-order lag through 28.3 % and 63.2 %")
     time_constant_s: float = column("s", "its time constant: 63.2 % after the dead time")
     rise_s: float = column("s", "from 10 % to 90 % of the change")
-    note: str = column("", "why the response cannot be read", "")
+    note: str = words("why the response cannot be read")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValveResponse:
     """Mean response to steps of one kind; `..._ci95_s` is half the 95 % interval, with the sampling of the current."""
 
-    source: str = column("", "`measured`, or the simulation", "")
-    from_A: float = column("A", "current before")
-    to_A: float = column("A", "current after")
-    change: str = column("", "up or down", "")
-    direction: str = column("", "compression or rebound", "")
-    steps: int = column("1", "number of steps read", 0)
-    speed_m_s: float = column("m/s", "mean speed at the steps")
-    force_change_N: float = column("N", "mean change of force")
-    time_63_s: float = column("s", "from the step to 63.2 % of the change")
+    source: str = words("`measured`, or the simulation", "Force", "force")
+    from_A: float = column("A", "current before", "From", "from", digits=2)
+    to_A: float = column("A", "current after", "To", "to", digits=2)
+    change: str = words("up or down")
+    direction: str = words("compression or rebound", "Direction")
+    steps: int = whole("number of steps read", "Steps", "steps")
+    speed_m_s: float = column("m/s", "mean speed at the steps", "Speed", "speed", digits=2)
+    force_change_N: float = column("N", "mean change of force", "Change")
+    time_63_s: float = column(
+        "s",
+        "from the step to 63.2 % of the change",
+        "63\N{NO-BREAK SPACE}% after the step",
+        "63 % after",
+        milli=True,
+        spread="ci95",
+    )
     time_63_ci95_s: float = column("s", "half its interval")
-    dead_time_s: float = column("s", "dead time")
+    dead_time_s: float = column("s", "dead time", "Dead time", "dead time", milli=True, spread="ci95")
     dead_time_ci95_s: float = column("s", "half its interval")
-    time_constant_s: float = column("s", "63.2 % after the dead time")
+    time_constant_s: float = column(
+        "s", "63.2 % after the dead time", "63\N{NO-BREAK SPACE}% after it", milli=True, spread="ci95"
+    )
     time_constant_ci95_s: float = column("s", "half its interval")
-    rise_s: float = column("s", "from 10 % to 90 % of the change")
+    rise_s: float = column(
+        "s", "from 10 % to 90 % of the change", "10 to 90\N{NO-BREAK SPACE}%", "10-90 %", milli=True, spread="ci95"
+    )
     rise_ci95_s: float = column("s", "half its interval")
-    note: str = column("", "reason for an empty cell", "")
+    note: str = words("reason for an empty cell")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResponsePoint:
     """A point of the mean response to steps of one kind: 0 before the step, 1 when the force has settled."""
 
-    source: str = column("", "`measured`, or the simulation", "")
+    source: str = words("`measured`, or the simulation")
     from_A: float = column("A", "current before")
     to_A: float = column("A", "current after")
-    direction: str = column("", "compression or rebound", "")
+    direction: str = words("compression or rebound")
     time_s: float = column("s", "from the step")
-    steps: int = column("1", "steps with a value at this time", 0)
+    steps: int = whole("steps with a value at this time")
     share: float = column("1", "mean share of the change of force")
     share_sd: float = column("1", "standard deviation between steps")
 
@@ -182,30 +216,25 @@ class ResponsePoint:
 class Omission:
     """Something that was recorded and not used, or that could not be computed, with the reason."""
 
-    subject: str = column("", "what is missing: cycles, steps, a table", "")
-    recording: str = column("", "name of the recording, or `all`", "")
-    count: int = column("1", "how many", 0)
-    of: int = column("1", "of how many", 0)
-    reason: str = column("", "why", "")
+    subject: str = words("what is missing: cycles, steps, a table", "What")
+    recording: str = words("name of the recording, or `all`", "Recording")
+    count: int = whole("how many", "How many")
+    of: int = whole("of how many", "Of")
+    reason: str = words("why", "Reason")
 
 
-def columns(row: type[Any]) -> tuple[tuple[str, str, str], ...]:
-    """Return name, unit and meaning of the columns of a row type."""
-    return tuple((f.name, f.metadata["unit"], f.metadata["meaning"]) for f in fields(row))
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecordingFacts:
-    """A recording: its length, bandwidth and noise of the speed, noise of the force, cycles found and used."""
+    """A recording: what the results rest on."""
 
-    name: str
-    duration_s: float
-    rate_Hz: float
-    bandwidth_Hz: float
-    speed_noise_m_s: float
-    force_noise_N: float
-    cycles: int
-    cycles_used: int
+    name: str = words("name of the recording", "Recording")
+    duration_s: float = column("s", "time without gaps", "Length")
+    rate_Hz: float = column("Hz", "rate of the position samples", "Rate", digits=4)
+    bandwidth_Hz: float = column("Hz", "bandwidth of the speed", "Bandwidth of the speed")
+    speed_noise_m_s: float = column("m/s", "its noise", "Noise of the speed", digits=2, milli=True)
+    force_noise_N: float = column("N", "noise from sample to sample", "Noise of the force", digits=2)
+    cycles: int = whole("cycles found", "Cycles")
+    cycles_used: int = whole("cycles that repeat at a constant current", "Cycles used")
 
 
 @dataclass(frozen=True)

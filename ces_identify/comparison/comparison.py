@@ -29,15 +29,16 @@ from ces_identify.comparison.compared_models import (
     pooled_costs,
 )
 from ces_identify.limits import ComparisonLimits
-from ces_identify.validation.cost_table import NONE, interval_text, percent
+from ces_identify.validation.cost_table import NONE, percent
 from ces_identify.validation.evaluate import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
+from ces_report.plot import series_css
 from ces_report.table import Column, Table
 from ces_report.typesetting import join_with, minus
 
 MAX_MODELS = 40
 MAX_NAMES = 3  # of other models in a sentence
-LOWEST = "lowest"
+LOWEST, TOO_SHORT = "lowest", "too short"
 MAX_DRAWN = 8  # models in charts, which have so many colours
 MAX_LINES = 84  # in the charts of all recordings together, so that the page stays below 3 MB
 HEADLINES = {
@@ -78,9 +79,17 @@ class ModelResult:
     force_bound_N: float | None
 
     @property
-    def delay_ms(self) -> str:
-        """How long after a sample the force is known [ms], as text; a dash for a simulation that is not a model."""
-        return NONE if self.model.model is None else f"{1e3 * self.model.model.sampling.delay_s:g}"
+    def facts(self) -> tuple[str, str, str]:
+        """Size, rate [Hz] and delay [ms] of a model, as texts; dashes for a simulation that is not a model."""
+        model = self.model.model
+        if model is None:
+            return "no model file", NONE, NONE
+        return model.size, f"{model.sampling.rate_Hz:g}", f"{1e3 * model.sampling.delay_s:g}"
+
+    @property
+    def bound_kN(self) -> str:
+        """The bound of the force [kN], as text."""
+        return NONE if self.force_bound_N is None else f"{self.force_bound_N / 1000:.4g}"
 
 
 @dataclass(frozen=True)
@@ -123,14 +132,19 @@ class Comparison:
         return self.by_cost[0]
 
     def __repr__(self) -> str:
-        return f"{headline(self)}\n{cost_table(self)}"
+        return f"{headline(self)}\n{model_table(self)}"
 
     def _repr_html_(self) -> str:
-        return str(Markup("<p>{}</p>{}").format(headline(self), cost_table(self).to_html()))
+        return str(Markup("<p>{}</p>{}").format(headline(self), model_table(self).to_html()))
 
     def pair(self, first: int, second: int) -> PairResult:
         """Return the comparison of two models, whichever comes first."""
         return next(p for p in self.pairs if {p.first, p.second} == {first, second})
+
+    def outside_percent(self, model: int) -> str:
+        """Return the largest share [%] of a recording's ticks with some signal outside a model's envelope, as text."""
+        shares = [max((use.outside_share for use in r.exits[model]), default=0.0) for r in self.recordings]
+        return NONE if self.models[model].model.model is None else f"{100 * max(shares):.1f}"
 
     def above_lowest(self, model: int) -> Difference | None:
         """Return how much higher the pooled cost of `model` is than the lowest; None if that is not a test."""
@@ -315,37 +329,67 @@ def format_signed(value: float) -> str:
     return minus(f"{round(value, 2) + 0.0:+.2f}")  # no negative zero
 
 
-def p_text(p_value: float | None) -> str:
-    """Return a p-value as text, a dash without one."""
-    if p_value is None:
-        return "-"
-    return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
+def describe_difference(difference: Difference) -> str:
+    """Return a difference with its interval, or why there is none."""
+    interval = describe_interval(difference)
+    return f"{format_signed(difference.value)} ({interval})" if math.isfinite(difference.value) else interval
 
 
-def describe_interval(difference: Difference, missing: str = NONE) -> str:
-    """Return the interval of a difference as text, `missing` without one."""
+def describe_interval(difference: Difference) -> str:
+    """Return the interval of a difference as text; "diverged" or "too short" without one."""
     low, high = difference.low, difference.high
-    return missing if low is None or high is None else f"{format_signed(low)} to {format_signed(high)}"
+    if low is None or high is None:
+        return TOO_SHORT if math.isfinite(difference.value) else DIVERGED
+    return f"{format_signed(low)} to {format_signed(high)}"
 
 
-def cost_table(comparison: Comparison) -> Table[int]:
-    """Return a row for each model, lowest cost first: its cost, and how much more that is than the lowest."""
-    models, best, tests = comparison.models, comparison.best, comparison.test_names
+def model_table(comparison: Comparison) -> Table[int]:
+    """Return a row for each model, lowest cost first: its cost, how much that is above the lowest, and what it is."""
+    models, tests = comparison.models, comparison.test_names
 
     def above(i: int) -> str:
         difference = comparison.above_lowest(i)
-        if difference is None:
-            return LOWEST if i == best else NONE
-        if difference.low is None:
-            return SHORT
-        return f"{format_signed(difference.value)} ({describe_interval(difference)})"
+        return format_signed(difference.value) if difference else LOWEST if i == comparison.best else NONE
+
+    def above_interval(i: int) -> str:
+        difference = comparison.above_lowest(i)
+        return describe_interval(difference) if difference else ""
 
     columns: list[Column[int]] = [
-        Column("Model", lambda i: models[i].name, short="model"),
-        Column("Delay [ms]", lambda i: models[i].delay_ms, figure=True, short="delay ms"),
-        Column("J [%]", lambda i: percent(models[i].pooled), figure=True, short="J %"),
-        Column("95 % interval [%]", lambda i: interval_text(models[i].pooled_interval), figure=True, short="95 %"),
-        Column("Above the lowest [%]", above, figure=True, short="above the lowest"),
+        Column(
+            "Model",
+            lambda i: models[i].name,
+            html=lambda i: Markup("{}<b>{}</b>").format(swatch(comparison, i), models[i].name),
+            css="model",
+            short="model",
+            small=lambda i: models[i].facts[0],
+        ),
+        Column("Rate [Hz]", lambda i: models[i].facts[1], figure=True, page_only=True),
+        Column("Delay [ms]", lambda i: models[i].facts[2], figure=True, short="delay ms"),
+        Column(
+            "J over all tests [%]" if tests else "J over all, no test [%]",
+            lambda i: percent(models[i].pooled),
+            figure=True,
+            short="J %",
+            small=lambda i: cost_interval(models[i].pooled_interval),
+        ),
+        Column("Above the lowest [%]", above, figure=True, short="above the lowest", small=above_interval),
+        Column("Bound of the force [kN]", lambda i: models[i].bound_kN, figure=True, short="bound kN"),
+        Column("Outside envelope [%]", comparison.outside_percent, figure=True, short="out %"),
     ]
     title = f"cost J over {join_with(tests)}" if tests else "cost J over all (not a test)"
     return Table(columns, comparison.by_cost, title)
+
+
+def cost_interval(interval: CostInterval | None) -> str:
+    """Return the interval of a cost as text."""
+    return TOO_SHORT if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"
+
+
+def swatch(comparison: Comparison, i: int) -> Markup:
+    """Return a line in the colour that a model has in the charts; nothing if they do not show it."""
+    if i not in comparison.drawn:
+        return Markup("")
+    return Markup(
+        '<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{}" d="M1,5h20"/></svg>'
+    ).format(series_css(comparison.drawn.index(i)))

@@ -17,15 +17,17 @@ from markupsafe import Markup
 from ces_identify.comparison.compared_models import TRAINED, AlignedRecording, Difference, PairResult
 from ces_identify.comparison.comparison import (
     Comparison,
-    ModelResult,
     RecordingCost,
+    cost_interval,
+    describe_difference,
     describe_interval,
     format_signed,
     headline,
-    p_text,
+    model_table,
+    swatch,
 )
 from ces_identify.limits import ComparisonLimits
-from ces_identify.validation.cost_table import NONE, interval_text, percent
+from ces_identify.validation.cost_table import NONE, percent
 from ces_identify.validation.evaluate import CostInterval, find_working_windows
 from ces_observer.json_text import write_atomically
 from ces_report.plot import IntervalRow, Plot, PlotArea, PlotLine, draw_intervals, draw_plot, series_css, share_points
@@ -33,38 +35,11 @@ from ces_report.shell import command_block, page_template, replace_unencodable
 from ces_report.table import Column, Table
 from ces_report.typesetting import join_with
 
-TOO_SHORT = "too short"
 WINDOW_S = 1.5  # shown first
 LOOP_POINTS = 900
 LINES_OF_MODEL, LINES_OF_RECORDING = 4, 3  # in the charts of a recording
-MAX_OPEN_ROWS = 20  # of a table that is not folded
 MAX_DETAILED_PAIRS = 3  # pairs of models up to which the differences on each recording are drawn
 NAMES_IN_TITLE = 4
-
-
-def model_table(comparison: Comparison) -> Table[int]:
-    """Return a row for each model with what it is."""
-
-    def text(of: Callable[[ModelResult], object | None], form: str = "") -> Callable[[int], str]:
-        return lambda i: NONE if (value := of(comparison.models[i])) is None else f"{value:{form}}"
-
-    columns: list[Column[int]] = [
-        Column("model", text(lambda m: m.name)),
-        Column("size", text(lambda m: None if m.model.model is None else m.model.model.size)),
-        Column(
-            "bound kN", text(lambda m: None if m.force_bound_N is None else m.force_bound_N / 1000, ".4g"), figure=True
-        ),
-        Column("out %", lambda i: outside_percent(comparison, i, NONE), figure=True),
-    ]
-    return Table(columns, range(len(comparison.models)), "models")
-
-
-def outside_percent(comparison: Comparison, model: int, missing: str) -> str:
-    """Return the largest share [%] of a recording's ticks with some signal outside the model's envelope."""
-    if comparison.models[model].model.model is None:
-        return missing
-    shares = [max((use.outside_share for use in r.exits[model]), default=0.0) for r in comparison.recordings]
-    return f"{100 * max(shares):.1f}"
 
 
 def recording_table(comparison: Comparison) -> Table[tuple[int, int]]:
@@ -78,12 +53,17 @@ def recording_table(comparison: Comparison) -> Table[tuple[int, int]]:
         return lambda row: text(models[row[1]].costs[row[0]])
 
     columns: list[Column[tuple[int, int]]] = [
-        Column("recording", name),
-        Column("model", lambda row: models[row[1]].name),
-        Column("use", of_cost(lambda cost: cost.use)),
-        Column("J %", of_cost(lambda cost: percent(cost.cost)), figure=True),
-        Column("95 %", of_cost(lambda cost: interval_text(cost.interval)), figure=True),
-        Column("RMS N", of_cost(lambda c: f"{c.rms_N:.1f}" if math.isfinite(c.rms_N) else NONE), figure=True),
+        Column("Recording", name, short="recording"),
+        Column("Model", lambda row: models[row[1]].name, short="model"),
+        Column("Use", of_cost(lambda cost: cost.use), short="use"),
+        Column("J [%]", of_cost(lambda cost: percent(cost.cost)), figure=True, short="J %"),
+        Column("95 % interval [%]", of_cost(lambda cost: cost_interval(cost.interval)), figure=True, short="95 %"),
+        Column(
+            "RMS error [N]",
+            of_cost(lambda c: f"{c.rms_N:.1f}" if math.isfinite(c.rms_N) else NONE),
+            figure=True,
+            short="RMS N",
+        ),
     ]
     rows = [(n, i) for n in range(len(recordings)) for i in range(len(models))]
     return Table(columns, rows, "each recording", group=lambda row: row[0])
@@ -96,40 +76,30 @@ def pair_table(comparison: Comparison) -> Table[PairResult]:
     def sort_value(value: float | None) -> object:
         return "" if value is None or math.isnan(value) else value
 
-    def better(pair: PairResult) -> str:
-        return pair.verdict if pair.better is None else f"{'first' if pair.better == pair.first else 'second'} better"
+    def probability(pair: PairResult) -> str:
+        return NONE if pair.p_value is None else "< 0.001" if pair.p_value < 0.001 else f"{pair.p_value:.3f}"
 
-    pages: list[Column[PairResult]] = [
-        Column("First − second", lambda p: f"{models[p.first].name} − {models[p.second].name}"),
-        Column("On", lambda p: join_with(p.pooled.recordings)),
+    def verdict(pair: PairResult) -> str:
+        return pair.verdict if pair.better is None else f"{models[pair.better].name} is better"
+
+    columns: list[Column[PairResult]] = [
+        Column("First", lambda p: models[p.first].name, short="first"),
+        Column("Second", lambda p: models[p.second].name, short="second"),
+        Column("On", lambda p: join_with(p.pooled.recordings), page_only=True),
         Column(
-            "Difference of J [%]",
-            lambda p: difference_text(p.pooled),
+            "First − second, J [%]",
+            lambda p: format_signed(p.pooled.value),
             figure=True,
+            short="J %",
             value=lambda p: sort_value(p.pooled.value),
+            small=lambda p: describe_interval(p.pooled),
         ),
-        Column("p", lambda p: p_text(p.p_value).replace("-", "–"), figure=True, value=lambda p: sort_value(p.p_value)),
-        Column("Verdict", lambda p: p.verdict if p.better is None else f"{models[p.better].name} is better"),
+        Column("p", probability, figure=True, value=lambda p: sort_value(p.p_value)),
+        Column("Verdict", verdict, short="verdict"),
     ]
     if len({pair.pooled.recordings for pair in comparison.pairs}) == 1:
-        del pages[1]
-    terminals: list[Column[PairResult]] = [
-        Column("first", lambda p: models[p.first].name),
-        Column("second", lambda p: models[p.second].name),
-        Column("J", lambda p: format_signed(p.pooled.value) if math.isfinite(p.pooled.value) else NONE, figure=True),
-        Column("interval", lambda p: describe_interval(p.pooled), figure=True),
-        Column("p", lambda p: p_text(p.p_value), figure=True),
-        Column("verdict", better),
-    ]
-    columns = [replace(c, page_only=True) for c in pages] + [replace(c, terminal_only=True) for c in terminals]
+        del columns[2]
     return Table(columns, comparison.pairs, "differences of J, first minus second")
-
-
-def difference_text(difference: Difference) -> str:
-    """Return a difference with its interval, or why there is none."""
-    if not math.isfinite(difference.value):
-        return "diverged"
-    return f"{format_signed(difference.value)} ({describe_interval(difference, TOO_SHORT)})"
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
@@ -215,7 +185,8 @@ def comparison_page(comparison: Comparison, command: str = "") -> str:
         command=command_block(command) if command else "",
         comparison=comparison,
         pooled_over=join_with(tests) if tests else "",
-        rows=[_model_row(comparison, i) for i in comparison.by_cost],
+        costs=model_table(comparison),
+        each=recording_table(comparison),
         pairs=pair_table(comparison),
         forest=_draw_differences(comparison) if all_pairs else _draw_above_lowest(comparison),
         all_pairs=all_pairs,
@@ -228,43 +199,15 @@ def comparison_page(comparison: Comparison, command: str = "") -> str:
             }
             for n in comparison.drawn_recordings
         ],
-        fold=MAX_OPEN_ROWS,
-        swatches=[_swatch(comparison, i) for i in range(len(models))],
+        swatches=[swatch(comparison, i) for i in range(len(models))],
         notes_on_charts=[note[0].upper() + note[1:] for note in comparison.notes_on_charts()],
-        trained=TRAINED,
-        interval=_page_interval,
         percent=percent,
     )
     return replace_unencodable(page)
 
 
-def _page_interval(interval: CostInterval | None) -> str:
-    """Return an interval of J as text, a dash if there is none."""
-    return "–" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"
-
-
 def _name_some(names: list[str], kind: str) -> str:
     return join_with(names) if len(names) <= NAMES_IN_TITLE else f"{len(names)} {kind}"
-
-
-def _model_row(comparison: Comparison, i: int) -> dict[str, Any]:
-    result, model = comparison.models[i], comparison.models[i].model.model
-    difference, lowest = comparison.above_lowest(i), "lowest" if i == comparison.best else "–"
-    bound = "–" if model is None else "not proved"
-    return {
-        "name": result.name,
-        "swatch": _swatch(comparison, i),
-        "size": "not a model" if model is None else model.size,
-        "rate": "–" if model is None else f"{model.sampling.rate_Hz:g}",
-        "delay": result.delay_ms.replace(NONE, "–"),
-        "cost": percent(result.pooled),
-        "interval": _page_interval(result.pooled_interval),
-        "above": lowest if difference is None else format_signed(difference.value),
-        "above_interval": "" if difference is None else describe_interval(difference, TOO_SHORT),
-        "bound": bound if result.force_bound_N is None else f"{result.force_bound_N / 1000:.4g}",
-        "outside": outside_percent(comparison, i, "–"),
-        "costs": result.costs,
-    }
 
 
 def _draw_differences(comparison: Comparison) -> Markup:
@@ -295,20 +238,12 @@ def _draw_above_lowest(comparison: Comparison) -> Markup:
 def _row(name: str, difference: Difference, css: str, *, starts: bool) -> IntervalRow:
     nan = float("nan")
     low, high = (nan, nan) if difference.low is None or difference.high is None else (difference.low, difference.high)
-    return IntervalRow(name, low, high, difference.value, difference_text(difference), css, starts, not starts)
+    return IntervalRow(name, low, high, difference.value, describe_difference(difference), css, starts, not starts)
 
 
 def _css(comparison: Comparison, i: int) -> str:
     """Return the class of a model's colour; one that no chart of forces shows has none of its own."""
     return series_css(comparison.drawn.index(i)) if i in comparison.drawn else "outline"
-
-
-def _swatch(comparison: Comparison, i: int) -> Markup:
-    if i not in comparison.drawn:
-        return Markup("")
-    return Markup(
-        '<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{}" d="M1,5h20"/></svg>'
-    ).format(_css(comparison, i))
 
 
 def draw_overlay(comparison: Comparison, number: int) -> dict[str, Any]:

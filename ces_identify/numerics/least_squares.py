@@ -1,16 +1,17 @@
-"""Least squares of a free run: its normal equations in kernels, and Levenberg-Marquardt, free and about a centre.
+"""Least squares of a free run, by all fits: normal equations in kernels, penalties, and Levenberg-Marquardt.
 
 With y(k) = f(past forces, inputs; p), the sensitivities s = dy/dp of the free run obey
 s(k) = df/dp + sum_j (df/dy(k - j)) s(k - j), from zero at a segment's start (Ljung, System Identification, 2nd ed.,
-sec. 10.3). The descents are iterators: each step yields better parameters until the caller stops. About a centre, a
-quadratic penalty on the distance from it applies.
+sec. 10.3). What a fit prefers beside the data is a penalty: a pull towards usual values, or a limit of the gains of the
+past forces. A descent is an iterator: it goes on until the caller stops.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -85,48 +86,137 @@ def mirror(matrix: F) -> None:
             matrix[j, i] = matrix[i, j]
 
 
-Evaluate = Callable[[F, float], tuple[float, F, F]]
+class NormalEquations(NamedTuple):
+    """A squared error, its Gauss-Newton matrix (n, n) and the gradient J^T (measured - simulated) (n,)."""
+
+    error: float
+    matrix: F
+    gradient: F
+
+
+Equations = Callable[[F, float], NormalEquations]
+"""Of parameters (n,). An error above the second argument is infinite, like that of parameters that are no model; matrix
+and gradient are then incomplete."""
+Penalty = Callable[[F], NormalEquations]
+"""The same of a penalty, which counts as a squared error of its own."""
+NO_MODEL = NormalEquations(inf, np.empty((0, 0)), np.empty(0))
+
+
+def check_error_first(error: Callable[[F], float], differentiate: Callable[[F], NormalEquations]) -> Equations:
+    """Return equations that compute an error alone, which costs less, to see whether the rest is needed."""
+
+    def equations(params: F, max_error: float) -> NormalEquations:
+        return differentiate(params) if max_error == inf or error(params) < max_error else NO_MODEL
+
+    return equations
+
+
+def pull_towards(centre: F, weights: F) -> Penalty:
+    """Return the penalty sum(weights (params - centre)^2), for arrays (n,)."""
+    matrix = np.diag(weights)
+
+    def pull(params: F) -> NormalEquations:
+        away = params - centre
+        return NormalEquations(float(weights @ away**2), matrix, -weights * away)
+
+    return pull
+
+
+def limit_gains(gains: Callable[[F], tuple[F, F]], limit: float, strength: float) -> Penalty:
+    """Return the penalty strength sum(max(0, gain - limit)^2); `gains` returns gains (m,) and their slopes (m, n)."""
+
+    def excess(params: F) -> NormalEquations:
+        values, slopes = gains(params)
+        above = values > limit
+        beyond, active = values[above] - limit, slopes[above]
+        return NormalEquations(
+            strength * float((beyond**2).sum()), strength * active.T @ active, -strength * active.T @ beyond
+        )
+
+    return excess
 
 
 @dataclass(frozen=True)
 class Damping:
     """How a descent changes its damping: divided by `faster` after a step that helps, times `slower` after another.
 
-    No parameter moves by more than `max_move` in a step.
+    It ends above `most`, and after so many `tries` without a step that helps. No parameter moves by more than
+    `max_move` in a step.
     """
 
+    first: float
     least: float
     most: float
     faster: float
     slower: float
     max_move: float = inf
-    first: float = 1e-2
+    tries: float = inf
 
 
-FREE = Damping(1e-9, 1e8, 5.0, 5.0)
-CENTRED = Damping(1e-8, 1e7, 6.0, 4.0, max_move=0.8)
+FREE = Damping(1e-2, 1e-9, 1e8, 5.0, 5.0)
+CENTRED = Damping(1e-2, 1e-8, 1e7, 6.0, 4.0, max_move=0.8)
 
 
-def descend(evaluate: Evaluate, start: F, damping: Damping = FREE) -> Iterator[tuple[float, F]]:
-    """Yield (error, parameters) of the start and after each trial step; stop when no step lowers the error.
+class DescentPoint(NamedTuple):
+    """Parameters (n,), their normal equations with the penalties, and those of the `data` alone."""
 
-    `evaluate(parameters, max_error)` returns the squared error (infinite if above `max_error`), its Gauss-Newton matrix
-    and the gradient J^T (measured - simulated). Damping scales with the matrix's diagonal (Marquardt 1963).
+    params: F
+    total: NormalEquations
+    data: NormalEquations
+
+    @property
+    def value(self) -> float:
+        """The squared error with the penalties."""
+        return self.total.error
+
+
+def evaluate(
+    equations: Equations, penalties: Sequence[Penalty], params: F, max_value: float = inf
+) -> DescentPoint | None:
+    """Return the point at some parameters; None unless its value is below `max_value`."""
+    prices = [penalty(params) for penalty in penalties]
+    data = equations(params, max_value - sum(price.error for price in prices))
+    error, matrix, gradient = data
+    for price in prices:
+        error += price.error
+    if not error < max_value:
+        return None
+    for price in prices:
+        matrix, gradient = matrix + price.matrix, gradient + price.gradient
+    return DescentPoint(params, NormalEquations(error, matrix, gradient), data)
+
+
+def descend(
+    equations: Equations, start: F, penalties: Sequence[Penalty] = (), damping: Damping = FREE
+) -> Iterator[DescentPoint]:
+    """Yield the best point so far: the start's, and after each trial step; stop when no step lowers the value.
+
+    Nothing is yielded for a start that is no model. Damping scales with the matrix's diagonal (Marquardt 1963).
     """
-    params, factor = start, damping.first
-    error, matrix, gradient = evaluate(params, inf)
-    if not np.isfinite(error):
+    point, factor, failures = evaluate(equations, penalties, start), damping.first, 0
+    if point is None:
         return
-    yield error, params
-    while factor < damping.most:
-        trial = params + np.clip(damped_step(matrix, gradient, factor), -damping.max_move, damping.max_move)
-        outcome = evaluate(trial, error) if np.isfinite(trial).all() else (inf, matrix, gradient)
-        if outcome[0] < error:
-            params, factor = trial, max(factor / damping.faster, damping.least)
-            error, matrix, gradient = outcome
+    yield point
+    while factor < damping.most and failures < damping.tries:
+        move = damped_step(point.total.matrix, point.total.gradient, factor)
+        trial = point.params + np.clip(move, -damping.max_move, damping.max_move)
+        better = evaluate(equations, penalties, trial, point.value) if np.isfinite(trial).all() else None
+        if better is not None:
+            point, factor, failures = better, max(factor / damping.faster, damping.least), 0
         else:
-            factor *= damping.slower
-        yield error, params
+            factor, failures = factor * damping.slower, failures + 1
+        yield point
+
+
+def improve(
+    equations: Equations, start: F, penalties: Sequence[Penalty] = (), damping: Damping = CENTRED
+) -> Iterator[DescentPoint]:
+    """Yield the start of a descent and each point that is better than the one before."""
+    best = None
+    for point in descend(equations, start, penalties, damping):
+        if point is not best:
+            yield point
+        best = point
 
 
 def damped_step(matrix: F, gradient: F, damping: float) -> F:
@@ -139,38 +229,3 @@ def damped_step(matrix: F, gradient: F, damping: float) -> F:
         return np.asarray(scale * np.linalg.solve(scaled, scale * gradient))
     except np.linalg.LinAlgError:
         return np.zeros_like(gradient)
-
-
-@dataclass(frozen=True)
-class CentredProblem:
-    """What to minimise: error(theta) + sum(weights (theta - centre)^2).
-
-    `normal_equations` returns the error, its Gauss-Newton matrix and the gradient of half of it.
-    """
-
-    error: Callable[[F], float]
-    normal_equations: Callable[[F], tuple[float, F, F]]
-    weights: F
-    centre: F
-
-    def penalty(self, theta: F) -> float:
-        """Return the penalty."""
-        return float(self.weights @ (theta - self.centre) ** 2)
-
-    def evaluate(self, theta: F, max_error: float) -> tuple[float, F, F]:
-        """Return what `descend` needs; the normal equations only of parameters below `max_error`."""
-        penalty = self.penalty(theta)
-        if max_error < inf and not self.error(theta) + penalty < max_error:
-            return inf, np.empty(0), np.empty(0)
-        error, matrix, gradient = self.normal_equations(theta)
-        pull = self.weights * (theta - self.centre)
-        return error + penalty, matrix + np.diag(self.weights), -gradient - pull
-
-
-def descend_about_centre(problem: CentredProblem, start: F) -> Iterator[tuple[float, F]]:
-    """Yield (error with penalty, parameters) after each step that lowers it; stop when none does."""
-    before = start
-    for value, theta in descend(problem.evaluate, start, CENTRED):
-        if theta is not before:
-            before = theta
-            yield value, theta

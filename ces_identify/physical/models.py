@@ -13,6 +13,7 @@ import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import batch_run, run_batch
+from ces_identify.numerics.least_squares import NormalEquations
 from ces_identify.physical.hydraulic_kernels import Score, run_network
 from ces_identify.physical.laws import STARTS, NodeEdge
 from ces_identify.physical.layout import (
@@ -129,13 +130,13 @@ class HydraulicModels:
         counted = error[:: self.stride][weights[:: self.stride] > 0.0]
         return float(counted @ counted) * self.stride
 
-    def normal_equations(self, theta: F, weights: F) -> tuple[float, F, F]:
-        """Return the squared error, its Gauss-Newton matrix and the gradient of half of it, by the parameters."""
+    def normal_equations(self, theta: F, weights: F) -> NormalEquations:
+        """Return the normal equations by the parameters, for weights (ticks,) as in `Training`."""
         error, matrix, gradients = self.sensitivities(theta, weights, np.zeros(len(weights), np.int64))
-        return error, matrix, gradients[0]
+        return NormalEquations(error, matrix, -gradients[0])
 
     def sensitivities(self, theta: F, weights: F, blocks: I) -> tuple[float, F, F]:
-        """Return error, Gauss-Newton matrix, and the gradients (blocks, parameters) of each block of ticks."""
+        """Return error, Gauss-Newton matrix, and half the error's gradients (blocks, parameters) on blocks of ticks."""
         error, _, matrix, gradients = self._differentiate(theta, weights, blocks)
         to = self.layout.derivatives(theta)
         return error * self.stride, self.stride * (to.T @ matrix @ to), self.stride * (gradients @ to)

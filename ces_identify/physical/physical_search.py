@@ -13,11 +13,12 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
 from ces_data.arrays import F
-from ces_identify.numerics.least_squares import CentredProblem, descend_about_centre
+from ces_identify.numerics.least_squares import check_error_first, improve, pull_towards
 from ces_identify.numerics.search import Limits, Listener, SearchResult, clock_s, reason_to_end
 from ces_identify.physical.layout import DataScales
 from ces_identify.physical.models import HydraulicModels
@@ -97,8 +98,8 @@ class PhysicalSearch:
     def refit(self, fit: PhysicalFit, share: F | float = 1.0) -> F:
         """Return the parameters after a last fit to all ticks, weighted by `share` (ticks,)."""
         everything = (fit.models.training.estimation + fit.models.training.selection) * share
-        steps = [theta for _, theta in self._descend(fit.models, everything, fit.theta, fit.strength, LAST_STEPS)]
-        return steps[-1] if steps else fit.theta
+        steps = self._descend(fit.models, everything, fit.theta, fit.strength, LAST_STEPS)
+        return [fit.theta, *steps][-1]
 
     def _fit_kinds(self, starts: Sequence[HydraulicModels]) -> None:
         with ThreadPoolExecutor(max(1, self.limits.threads)) as pool:
@@ -118,7 +119,7 @@ class PhysicalSearch:
         theta = models.layout.centre
         for stiff in (STIFF, 1.0):
             steps = self._descend(models, estimation, theta, STRENGTHS[0], round(share * LAW_STEPS), stiff)
-            theta = [theta, *(better for _, better in steps)][-1]
+            theta = [theta, *steps][-1]
         self._fit(*models.free(theta), STRENGTHS[0], seed, round(share * NODE_STEPS))
 
     def _weaken(self, best: PhysicalFit, strengths: Sequence[float]) -> None:
@@ -133,7 +134,7 @@ class PhysicalSearch:
         training = models.training
         best = self._as_fit(models, start, models.cost(start, training.selection), strength, seed)
         try:
-            for _, theta in self._descend(models, training.estimation, start, strength, steps):
+            for theta in self._descend(models, training.estimation, start, strength, steps):
                 cost = models.cost(theta, training.selection)
                 if cost < best.cost:
                     best = self._as_fit(models, theta, cost, strength, seed)
@@ -161,21 +162,18 @@ class PhysicalSearch:
 
     def _descend(
         self, models: HydraulicModels, weights: F, start: F, strength: float, steps: int, stiff: float = 1.0
-    ) -> Iterator[tuple[float, F]]:
+    ) -> Iterator[F]:
         if self._find_stop_reason():
             return
         pull = strength * models.layout.weight
         pull[: sum(len(group.centre) for group in models.layout.groups)] *= stiff
-        problem = CentredProblem(
-            lambda theta: models.error(theta, weights),
-            lambda theta: models.normal_equations(theta, weights),
-            pull,
-            models.layout.centre,
+        equations = check_error_first(
+            lambda theta: models.error(theta, weights), lambda theta: models.normal_equations(theta, weights)
         )
         values: list[float] = []
-        for value, theta in descend_about_centre(problem, start):
-            yield value, theta
-            values.append(value)
+        for point in islice(improve(equations, start, [pull_towards(models.layout.centre, pull)]), 1, None):
+            yield point.params
+            values.append(point.value)
             still = len(values) > WINDOW and values[-1] > (1.0 - WINDOW * MIN_GAIN) * values[-1 - WINDOW]
             if still or len(values) >= steps or self._find_stop_reason():
                 return

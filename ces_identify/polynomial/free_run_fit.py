@@ -10,6 +10,8 @@ at probed inputs.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 
 import numpy as np
 from numba import njit
@@ -17,14 +19,24 @@ from numba import njit
 from ces_data.arrays import F, I
 from ces_identify.numerics import kernels
 from ces_identify.numerics.kernels import Bounds, TermArrays, _add_product
-from ces_identify.numerics.least_squares import BLOCK, accumulate, damped_step, longest_lag, mirror
+from ces_identify.numerics.least_squares import (
+    BLOCK,
+    NO_MODEL,
+    Damping,
+    NormalEquations,
+    accumulate,
+    improve,
+    limit_gains,
+    longest_lag,
+    mirror,
+)
 from ces_identify.numerics.search import SearchResult
 from ces_identify.polynomial.problem import Problem
 
 ROOM = 0.005  # the penalty begins so far below the greatest gain allowed
 PENALTY = 1e3  # of a squared excess of gain, in units of the squared error at the start
 STOP_DECREASE = 2e-4  # relative decrease at which to stop
-TRIES = 8  # dampings tried per step
+DAMPING = Damping(1e-4, 1e-9, np.inf, 8.0, 8.0, tries=8)
 
 
 @dataclass(frozen=True)
@@ -44,67 +56,37 @@ def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, itera
     """
     arrays, probes = problem.compiled.subset(chosen), problem.probes[chosen]
 
-    def equations(c: F) -> tuple[float, F, F]:
+    def equations(c: F) -> NormalEquations:
         if kernels.probed_gain(probes, arrays.outputs, c) >= 0.5 * (1.0 + problem.max_gain):
-            return np.inf, np.empty(0), np.empty(0)
-        result: tuple[float, F, F] = normal_equations(
-            problem.powers, problem.segments, weights, problem.measured, arrays, c, problem.force_envelope
-        )
-        return result
+            return NO_MODEL
+        data = problem.powers, problem.segments, weights, problem.measured
+        return NormalEquations(*normal_equations(*data, arrays, c, problem.force_envelope))
 
-    error, matrix, gradient = equations(coefficients)
-    if not np.isfinite(error):
-        return FreeRunFit(coefficients, np.inf, matrix)
-    hinge = _Hinge(probes, arrays.outputs, problem.max_gain - ROOM, PENALTY * error)
-    value, damping = error + hinge.value(coefficients), 1e-4
-    for _ in range(iterations):
-        curvature, slope = hinge.derive(coefficients)
-        for _ in range(TRIES):
-            step = damped_step(matrix + curvature, gradient - slope, damping)
-            e, h, g = equations(coefficients + step)
-            trial = e + hinge.value(coefficients + step)
-            if trial < value:
-                break
-            damping *= 8.0
-        else:
+    start, penalties = equations(coefficients), []
+    if iterations == 0 or not np.isfinite(start.error):
+        return FreeRunFit(coefficients, start.error, start.matrix)
+    if np.isfinite(problem.max_gain):
+        gains = partial(probed_gains, probes, arrays.outputs)
+        penalties = [limit_gains(gains, problem.max_gain - ROOM, PENALTY * start.error)]
+    points = improve(lambda c, _: start if c is coefficients else equations(c), coefficients, penalties, DAMPING)
+    point = next(points)
+    for better in islice(points, iterations):
+        settled = point.value - better.value < STOP_DECREASE * point.value
+        point = better
+        if settled:
             break
-        coefficients, error, matrix, gradient = coefficients + step, e, h, g
-        converged = value - trial < STOP_DECREASE * value
-        value, damping = trial, max(damping / 8.0, 1e-9)
-        if converged:
-            break
-    return FreeRunFit(coefficients, error, matrix)
+    return FreeRunFit(point.params, point.data.error, point.data.matrix)
 
 
-class _Hinge:
-    """Penalty on the probed gain above a limit: strength * sum max(0, gain - limit)^2 over the points."""
-
-    def __init__(self, probes: F, outputs: I, limit: float, strength: float) -> None:
-        self.limit, self.strength = limit, strength
-        lags = np.unique(outputs[outputs > 0]) if np.isfinite(limit) else np.empty(0, np.int64)
-        self.groups = [np.where((outputs == lag)[:, None], probes, 0.0) for lag in lags]
-
-    def value(self, coefficients: F) -> float:
-        """Return the penalty."""
-        return self.strength * float((self._excess(coefficients) ** 2).sum())
-
-    def derive(self, coefficients: F) -> tuple[F, F]:
-        """Return the penalty's Gauss-Newton matrix (terms, terms) and half its gradient (terms,)."""
-        n = len(coefficients)
-        excess = self._excess(coefficients)
-        active = excess > 0.0
-        if not active.any():
-            return np.zeros((n, n)), np.zeros(n)
-        slopes = np.zeros((n, int(active.sum())))
-        for group in self.groups:
-            slopes += group[:, active] * np.sign(coefficients @ group[:, active])
-        return self.strength * slopes @ slopes.T, self.strength * slopes @ excess[active]
-
-    def _excess(self, coefficients: F) -> F:
-        if not self.groups:
-            return np.zeros(1)
-        gain = sum(np.abs(coefficients @ group) for group in self.groups)
-        return np.maximum(gain - self.limit, 0.0)
+def probed_gains(probes: F, outputs: I, coefficients: F) -> tuple[F, F]:
+    """Return the gain of the past forces at each probed input (points,), and its slopes (points, terms)."""
+    gains, slopes = np.zeros(probes.shape[1]), np.zeros(probes.shape[::-1])
+    for lag in np.unique(outputs[outputs > 0]):
+        of_lag = np.where((outputs == lag)[:, None], probes, 0.0)
+        share = coefficients @ of_lag
+        gains += np.abs(share)
+        slopes += (of_lag * np.sign(share)).T
+    return gains, slopes
 
 
 ITERATIONS = 20  # of the last fit, to all ticks

@@ -25,7 +25,7 @@ from ces_identify.report.figures import (
     time_plot,
 )
 from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
-from ces_identify.structures import model_table
+from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
@@ -42,6 +42,7 @@ from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
 from ces_report.plot import SIZES, draw_chart, share_points
 from ces_report.shell import format_key, page_template, replace_unencodable
+from ces_report.table import text_table
 from ces_report.typesetting import join_names, minus, three_figures
 
 ROLES = (VALIDATION, IDENTIFICATION)
@@ -92,7 +93,9 @@ def write_report(
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
         pooled=_pooled_row(held_out),
-        structures=[(name, three_figures(cost)) for name, cost in structures.items()],
+        structures=text_table(
+            ("Structure", "J on data left out [%]"), [(name, three_figures(cost)) for name, cost in structures.items()]
+        ),
         reason=selection.get(REASON, ""),
         **_draw_model(model, ordered, drawn, points),
         drawn=drawn,
@@ -113,13 +116,13 @@ def _draw_first(ordered: Sequence[Evaluation]) -> Markup:
 def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int], points: int) -> dict[str, Any]:
     """Return the recordings, the model's table with its charts, and the maps."""
     held_out = [e for e in ordered if e.role == VALIDATION]
-    table = model_table(model, held_out or ordered, VALIDATION if held_out else IDENTIFICATION)
+    section = model_section(model, held_out or ordered, VALIDATION if held_out else IDENTIFICATION)
     return {
         "recordings": [_draw_recording(i, ordered[i], model, points) for i in drawn],
-        "table": table,
+        "section": section,
         "charts": [
             (draw_chart(f"chart{n}", chart, size), chart.caption)
-            for n, (chart, size) in enumerate(zip(table.charts, SIZES, strict=False))
+            for n, (chart, size) in enumerate(zip(section.charts, SIZES, strict=False))
         ],
         "maps": _draw_maps(ordered, model),
     }

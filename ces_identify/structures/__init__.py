@@ -16,7 +16,7 @@ from ces_identify.structures.kit import StructureKit
 from ces_observer.model import Model
 from ces_observer.structures import STRUCTURES
 from ces_observer.structures.structure import Structure
-from ces_report.typesetting import ModelTable
+from ces_report.table import Section
 
 
 def _find_kit(body: type[Structure]) -> StructureKit[Any]:
@@ -38,6 +38,6 @@ def run_batch(model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
     return kit_of(model.body).batch_run(model.body, model.operating_range, inputs, segments)
 
 
-def model_table(model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
-    """Return the table of the model's parameters for a report; `role` is the role of `runs`."""
+def model_section(model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
+    """Return the section of the model's parameters for a report; `role` is the role of `runs`."""
     return kit_of(model.body).table(model.body, model, runs, role)

@@ -16,13 +16,18 @@ from math import log
 from typing import ClassVar
 
 import numpy as np
-from markupsafe import Markup
 
 from ces_observer.limits import FileLimits
 from ces_data.arrays import F, I
 from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.core import core_kernel
-from ces_identify.numerics.least_squares import CentredProblem, descend_about_centre
+from ces_identify.numerics.least_squares import (
+    NormalEquations,
+    Penalty,
+    check_error_first,
+    improve,
+    pull_towards,
+)
 from ces_identify.numerics.search import Limits, Listener, SearchResult, reason_to_end, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
@@ -45,7 +50,8 @@ from ces_observer.tick.experts import (
     EXPERTS_COUNT, EXPERTS_GAINS, EXPERTS_LAYER, EXPERTS_OUTPUTS, EXPERTS_SCALE, experts_force,
 )  # fmt: skip
 from ces_observer.tick.lagged import LAGGED_PHI
-from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
+from ces_report.table import Section, parameter_section
+from ces_report.typesetting import describe_signals, four_figures, signal_symbol
 
 EARLY_TICKS, LAST_TICKS = 8_000, 20_000  # that count before the last stage and in it, about
 FIRST_LIMIT, STAGES = 1.1, 8  # of the gains; steps down to the final one (Keio: 8.2 %, 11.1 % straight)
@@ -152,21 +158,29 @@ class ExpertsFit(LaggedModels):
         )
         return Experts(self.regressors[:-1], self.regressors[-1], self.training.scale_N, experts)
 
-    def problem(self) -> CentredProblem:
-        """Return the free run's squared error on the estimation ticks, with the pulls."""
-        pull = np.concatenate([np.full(self.rows, self.decay), np.full(3 * self.count, GAIN_PULL)])
-        return CentredProblem(self._error, self._differentiate, pull, self.centre)
+    @property
+    def pull(self) -> Penalty:
+        """The pull of weights towards 0, and of gains and rooms towards the usual ones."""
+        weights = np.concatenate([np.full(self.rows, self.decay), np.full(3 * self.count, GAIN_PULL)])
+        return pull_towards(self.centre, weights)
 
-    def _error(self, params: F) -> float:
+    def improve(self, params: F, steps: int) -> Iterator[F]:
+        """Yield better parameters after each of some steps of a descent."""
+        equations = check_error_first(self.error, self.differentiate)
+        for point in islice(improve(equations, params, [self.pull]), 1, 1 + steps):
+            yield point.params
+
+    def error(self, params: F) -> float:
+        """Return the free run's squared error on the estimation ticks, infinite if it is not finite."""
         t = self.training
         error = t.estimation @ (self.force(params, t.loose) - t.measured) ** 2
         return float(error) if np.isfinite(error) else np.inf
 
-    def _differentiate(self, params: F) -> tuple[float, F, F]:
-        """Return the error, its matrix and the gradient of half of it, from those by the numbers of the tick."""
-        error, matrix, gradient = self.normal_equations(self.table, params, np.inf)
+    def differentiate(self, params: F) -> NormalEquations:
+        """Return the normal equations by the parameters, from those by the numbers of the tick."""
+        error, matrix, gradient = self.equations(params, np.inf)
         if not np.isfinite(error):
-            return error, matrix, gradient
+            return NormalEquations(error, matrix, gradient)
         _, gains, rooms = self.split(params)
         slopes = gains * (1.0 - gains / self.limit)
         to = np.zeros((self.count, 3, 3))
@@ -176,7 +190,7 @@ class ExpertsFit(LaggedModels):
             gradient[part] = own.T @ gradient[part]
             matrix[:, part] = matrix[:, part] @ own
             matrix[part] = own.T @ matrix[part]
-        return error, matrix, -gradient
+        return NormalEquations(error, matrix, gradient)
 
 
 def take_every(training: Training, every: int) -> Training:
@@ -194,7 +208,7 @@ def descend_in_stages(family: ExpertsFit, params: F) -> Iterator[tuple[bool, F]]
     for limit in np.geomspace(FIRST_LIMIT, family.limit, STAGES + 1):
         last = limit == family.limit
         stage, steps = (late, LAST_STEPS) if last else (replace(early, limit=float(limit)), STAGE_STEPS)
-        for _, better in islice(descend_about_centre(stage.problem(), params), steps):
+        for better in stage.improve(params, steps):
             params = better
             yield last, params
 
@@ -224,8 +238,7 @@ def refit_member(family: ExpertsFit, params: F, weights: F) -> F:
     """Return the parameters after a few more steps on ticks with these weights (ticks,)."""
     every = len(weights) // LAST_TICKS
     again = replace(family, training=take_every(replace(family.training, estimation=weights), every))
-    steps = islice(descend_about_centre(again.problem(), params), REFIT_STEPS)
-    return [params, *(better for _, better in steps)][-1]
+    return [params, *again.improve(params, REFIT_STEPS)][-1]
 
 
 def choose_lags(rate_Hz: float) -> tuple[float, ...]:
@@ -278,21 +291,21 @@ def _refit_mean(family: ExpertsFit, members: Sequence[F], make: Callable[[Sequen
     return make([refit_member(family, params, kept) for params in members])
 
 
-def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the experts: the gain of each input, and the time in which a past force fades."""
     about = (
         f"{len(body.experts)} experts, each a recursion of its own, blended by shares that depend on the inputs alone. "
         "Numbers: force [N] for a change of an input by one standard deviation, without the bend."
     )
-    heads = (Markup("Expert"), *(signal_symbol(r.signal, r.lag) for r in body.inputs), Markup("Fades in [ms]"))
+    heads = ("Expert", *(signal_symbol(r.signal, r.lag) for r in body.inputs), "Fades in [ms]")
     rows = []
     for number, expert in enumerate(body.experts, 1):
         slowest = max(expert.past, expert.past + expert.past_bend)
         fades = 1e3 / (-log(slowest) * model.sampling.rate_Hz) if 0.0 < slowest < 1.0 else 0.0
         forces = (four_figures(body.scale_N * weight) for weight in expert.linear[:-1])
-        rows.append((Markup("{}").format(number), *forces, four_figures(fades)))
+        rows.append((str(number), *forces, four_figures(fades)))
     symbols = describe_signals((r.signal for r in body.inputs), model.sampling.rate_Hz)
-    return parameter_table(about, heads, tuple(rows), symbols)
+    return parameter_section(about, heads, rows, symbols)
 
 
 def _check_count(text: str) -> object:

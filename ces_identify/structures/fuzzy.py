@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise, product
 from math import log
 from typing import ClassVar
@@ -19,7 +19,16 @@ from markupsafe import Markup
 from ces_data.arrays import F, I
 from ces_identify import training
 from ces_identify.numerics.core import core_kernel
-from ces_identify.numerics.least_squares import Evaluate, damped_step
+from ces_identify.numerics.least_squares import (
+    NO_MODEL,
+    DescentPoint,
+    Equations,
+    NormalEquations,
+    Penalty,
+    damped_step,
+    evaluate,
+    pull_towards,
+)
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
@@ -33,13 +42,12 @@ from ces_observer.tick.fuzzy import (
     FUZZY_PREMISES, FUZZY_RULES, FUZZY_SCALE, FUZZY_SHAPES, fuzzy_force,
 )  # fmt: skip
 from ces_observer.tick.lagged import LAGGED_PHI
+from ces_report.table import Section, parameter_section
 from ces_report.typesetting import (
     UNITS,
-    ModelTable,
     describe_signals,
     four_figures,
     minus,
-    parameter_table,
     signal_symbol,
 )
 
@@ -146,7 +154,8 @@ class FuzzyFit(training.Family):
         bells = self.grid_bells.copy()
         bells[:, 0] += 2.0 * np.exp(bells[:, 1]) * random.normal(0.0, START_JITTER, len(bells))
         n = len(self.rules) * (1 + len(self.regressors))
-        params = learn_hybrid(self._one_step_ahead(), np.concatenate([np.zeros(n), bells.ravel()]), n)
+        one_step = partial(self.normal_equations, training.with_measured_past(self.table, self.training))
+        params = learn_hybrid(one_step, self.pull, np.concatenate([np.zeros(n), bells.ravel()]), n)
         past = self.parts(params)[0][:, 1 + self.past]
         past *= np.minimum(1.0, FIRST_GAIN / np.maximum(np.abs(past).sum(axis=1, keepdims=True), 1e-9))
         self.parts(params)[0][:, 1 + self.past] = past
@@ -167,32 +176,21 @@ class FuzzyFit(training.Family):
             blended.append(firings @ consequents / firings.sum())
         return np.concatenate([np.ravel(blended), self.grid_bells.ravel()])
 
-    def _one_step_ahead(self) -> Evaluate:
-        """Return the function of errors in which measured past forces replace the model's own."""
-        t, table = self.training, self.table
-        values = table.values.copy()
-        for j in self.past:
-            past = training.delay_values(t.measured, int(table.past_lags[j]), t.segments)
-            values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
-        measured = table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
-        return lambda params, max_error: self.errors_on(measured, params, max_error)
-
-    def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared error with regularisation, its matrix and its gradient; infinite for extreme slopes.
-
-        Regularisation pulls consequents towards 0, and memberships towards those of the grid.
-        """
+    def normal_equations(self, table: RegressorTable, params: F, max_error: float) -> NormalEquations:
+        """Return the normal equations; memberships of extreme slopes are no model."""
         slopes = np.exp(self.parts(params)[1][:, 2])
         if slopes.min() < MIN_SLOPE or slopes.max() > MAX_SLOPE:
-            return np.inf, np.empty(0), np.empty(0)
-        error, matrix, gradient = self.normal_equations(table, params, max_error)
-        consequents, bells = self.parts(params)
-        stiffness = np.full(bells.shape, STIFFNESS)
+            return NO_MODEL
+        return super().normal_equations(table, params, max_error)
+
+    @property
+    def pull(self) -> Penalty:
+        """The pull of consequents towards 0, and of memberships towards those of the grid."""
+        consequents = len(self.rules) * (1 + len(self.regressors))
+        stiffness = np.full(self.grid_bells.shape, STIFFNESS)
         stiffness[:, 0] /= np.exp(2.0 * self.grid_bells[:, 1])
-        cost = np.concatenate([np.full(consequents.size, self.decay), stiffness.ravel()])
-        offsets = np.concatenate([consequents.ravel(), (bells - self.grid_bells).ravel()])
-        matrix[np.diag_indices_from(matrix)] += cost
-        return error + float(cost @ offsets**2), matrix, gradient - cost * offsets
+        centre = np.concatenate([np.zeros(consequents), self.grid_bells.ravel()])
+        return pull_towards(centre, np.concatenate([np.full(consequents, self.decay), stiffness.ravel()]))
 
     def gains(self, params: F) -> tuple[F, F]:
         """Return each rule's gain of the past forces (rules,) and its gradient (rules, parameters)."""
@@ -219,17 +217,22 @@ class FuzzyFit(training.Family):
         return Fuzzy(self.regressors, self.training.scale_N, premises, rules)
 
 
-def learn_hybrid(errors: Evaluate, params: F, consequents: int) -> F:
+def learn_hybrid(equations: Equations, pull: Penalty, params: F, consequents: int) -> F:
     """Return parameters after hybrid learning (Jang 1993): `consequents` by least squares, then the premises."""
+
+    def move(point: DescentPoint, part: slice, damping: float) -> F:
+        moved = point.params.copy()
+        moved[part] += damped_step(point.total.matrix[part, part], point.total.gradient[part], damping)
+        return moved
+
+    first, point = slice(consequents), evaluate(equations, [pull], params)
     for _ in range(HYBRID_STEPS):
-        _, matrix, gradient = errors(params, np.inf)
-        params = params.copy()
-        params[:consequents] += damped_step(matrix[:consequents, :consequents], gradient[:consequents], 0.0)
-        error, matrix, gradient = errors(params, np.inf)
-        trial = params.copy()
-        trial[consequents:] += damped_step(matrix[consequents:, consequents:], gradient[consequents:], HYBRID_DAMPING)
-        params = trial if errors(trial, error)[0] < error else params
-    return params
+        solved = point and evaluate(equations, [pull], move(point, first, 0.0))
+        if solved is None:
+            break
+        premises = move(solved, slice(consequents, None), HYBRID_DAMPING)
+        point = evaluate(equations, [pull], premises, solved.value) or solved
+    return params if point is None else point.params
 
 
 MAX_RULES = 60
@@ -276,13 +279,13 @@ def read_grid(text: str) -> tuple[int, int]:
     return int(speeds), int(currents)
 
 
-def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the rules: where each applies, and the force for a change of each regressor."""
     about = (
         f"A neuro-fuzzy model of {len(fuzzy.rules)} rules, each an affine model near the values named. "
         "Numbers: force [N] for a change of a regressor by one standard deviation."
     )
-    heads = (Markup("Rule near"), Markup("Constant [N]"), *(signal_symbol(r.signal, r.lag) for r in fuzzy.regressors))
+    heads = ("Rule near", "Constant [N]", *(signal_symbol(r.signal, r.lag) for r in fuzzy.regressors))
     rows = []
     for rule in fuzzy.rules:
         near = [
@@ -294,7 +297,7 @@ def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], rol
         forces = (four_figures(fuzzy.scale_N * number) for number in (rule.constant, *rule.linear))
         rows.append((Markup(", ").join(near), *forces))
     symbols = describe_signals((r.signal for r in fuzzy.regressors), model.sampling.rate_Hz)
-    return parameter_table(about, heads, tuple(rows), symbols)
+    return parameter_section(about, heads, rows, symbols)
 
 
 RULES = Option(

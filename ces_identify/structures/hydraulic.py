@@ -9,7 +9,6 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from ces_data.arrays import F
 from ces_identify.numerics.search import Listener
@@ -26,7 +25,8 @@ from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.structures.hydraulic import EDGES, Hydraulic
-from ces_report.typesetting import Chart, ChartCurve, ModelTable, TableColumn, four_figures, minus
+from ces_report.table import Section, text_table
+from ces_report.typesetting import Chart, ChartCurve, four_figures, minus
 
 METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pull and bypass by the selection data"
 AUTO = "auto"
@@ -142,29 +142,24 @@ SETTING = (
 CURVE_SPEEDS = 61
 
 
-def physical_table(body: Hydraulic, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def physical_table(body: Hydraulic, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the damper's quantities with standard errors and intervals, and charts of its curves."""
     errors = model.provenance.get("selection", {}).get(quantities.ERRORS, {})
     values = quantities.read_quantities(body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m)
-    rows = tuple(_row(name, value, errors.get("quantities", {}).get(name, 0.0)) for name, value in values.items())
-    columns = (
-        TableColumn(Markup("Quantity"), "", ""),
-        *(TableColumn(Markup(head)) for head in ("Value", "Standard error", "95&#160;% interval")),
-    )
+    rows = (_row(name, value, errors.get("quantities", {}).get(name, 0.0)) for name, value in values.items())
+    table = text_table(("Quantity", "Value", "Standard error", "95\N{NO-BREAK SPACE}% interval"), rows)
     charts = (_steady_chart(body, model, errors), _setting_chart(body, errors), _valve_chart(body))
-    note = ABOUT if errors else NO_ERRORS
-    return ModelTable("damper", "The damper", Markup(""), columns, rows, note, charts=charts)
+    return Section("damper", "The damper", table, ABOUT if errors else NO_ERRORS, charts=charts)
 
 
-def _row(name: str, value: float, error: float) -> tuple[Markup, ...]:
+def _row(name: str, value: float, error: float) -> tuple[str, ...]:
     if not isfinite(error) or error <= 0.0:
-        return Markup("{}").format(name), four_figures(value), Markup("–"), Markup("–")
+        return name, four_figures(value), "–", "–"
     low, high = value - IN_95_PERCENT * error, value + IN_95_PERCENT * error
     if not name.startswith(SIGNED):
         low = max(low, 0.0)
     two_figures = f"{error:.2g}" if error < 99.5 else f"{float(f'{error:.2g}'):.0f}"
-    interval = Markup("{} to {}").format(four_figures(low), four_figures(high))
-    return Markup("{}").format(name), four_figures(value), Markup("{}").format(two_figures), interval
+    return name, four_figures(value), two_figures, f"{four_figures(low)} to {four_figures(high)}"
 
 
 def _steady_chart(body: Hydraulic, model: Model, errors: Mapping[str, Any]) -> Chart:

@@ -19,7 +19,7 @@ from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.structures.structure import OperatingRange, Structure
-from ces_report.typesetting import ModelTable
+from ces_report.table import Section
 
 Size = bool | int | float | str
 
@@ -93,7 +93,7 @@ class StructureKit(Generic[S]):
     body: type[S]
     sizes: tuple[Option, ...]
     fitter: Callable[[Mapping[str, Size]], Fitter]
-    table: Callable[[S, Model, Sequence[SimulatedSeries], str], ModelTable]
+    table: Callable[[S, Model, Sequence[SimulatedSeries], str], Section]
     batch_run: Callable[[S, OperatingRange, F, I], tuple[F, Mask]] = run_batch
     models: type[HydraulicModels] | None = None
     auto_work: float = 0.0

@@ -24,7 +24,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_identify.limits import ChoiceLimits
-from ces_identify.numerics.least_squares import descend
+from ces_identify.numerics.least_squares import descend, limit_gains
 from ces_identify.numerics.search import (
     INTERRUPTED,
     WORK_IS_DONE,
@@ -121,7 +121,8 @@ def _refit(family: Family, params: F, sampling: Sampling, weights: F) -> Model |
     """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
     data = family.training
     weighted = replace(family, training=replace(data, estimation=weights * (data.estimation + data.selection)))
-    *_, (_, params) = ((0.0, params), *islice(descend(weighted.errors, params), REFIT_STEPS))
+    for point in islice(descend(weighted.equations, params, [weighted.pull]), REFIT_STEPS):
+        params = point.params
     return weighted.model(params, sampling)
 
 
@@ -205,11 +206,13 @@ class _Start:
         """Descend with a penalty on gains above a limit; return the parameters, and why it ended, '' without a step."""
         ended, self.patience = DIVERGED, patience
         self.lowest, self.improved_at, self.began_at = np.inf, self.step, self.step
-        errors = partial(self._compute_errors_with_penalty, limit=limit, penalty=penalty)
-        for _, trial in descend(errors, params):
-            if trial is not params or self.step == self.began_at:
-                self._evaluate(trial)
-            params = trial
+        penalties = [self.family.pull]
+        if penalty:
+            penalties.append(limit_gains(self.family.gains, limit - PENALTY_MARGIN, penalty))
+        for point in descend(self.family.equations, params, penalties):
+            if point.params is not params or self.step == self.began_at:
+                self._evaluate(point.params)
+            params = point.params
             self.step += 1
             self.spent += len(self.family.training.measured) * len(params) ** 2 / max(1.0, WORK * self.limits.work)
             ended = self._find_stop_reason()
@@ -232,19 +235,6 @@ class _Start:
             return reason or WORK_IS_DONE
         still = self.step - self.improved_at >= self.patience or self.step - self.began_at >= MAX_STEPS
         return NO_MORE_GAIN if still else ""
-
-    def _compute_errors_with_penalty(
-        self, params: F, max_error: float, limit: float, penalty: float
-    ) -> tuple[float, F, F]:
-        """Return the family's errors with the penalty on gains above `limit` - PENALTY_MARGIN."""
-        error, matrix, gradient = self.family.errors(params, max_error)
-        if not penalty or not np.isfinite(error):
-            return error, matrix, gradient
-        gains, slopes = self.family.gains(params)
-        excess = np.maximum(gains - (limit - PENALTY_MARGIN), 0.0)
-        active = slopes[excess > 0.0]
-        error += penalty * float(excess @ excess)
-        return error, matrix + penalty * active.T @ active, gradient - penalty * excess @ slopes
 
     def _is_allowed(self, params: F) -> bool:
         return not self.certificate or bool(self.family.gains(params)[0].max() < self.max_gain)

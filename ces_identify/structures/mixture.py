@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from markupsafe import Markup
 
 from ces_data.arrays import F, I, Mask
 from ces_identify.prepare.series import SimulatedSeries
@@ -14,7 +13,8 @@ from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.structures.mixture import Mixture
 from ces_observer.structures.structure import OperatingRange
-from ces_report.typesetting import ModelTable, four_figures, parameter_table
+from ces_report.table import Section, parameter_section
+from ces_report.typesetting import four_figures
 
 ABOUT = (
     "The force is the mean of these models' forces by weight; each runs on its own past, in its own range of forces."
@@ -34,14 +34,14 @@ def run_mixture(body: Mixture, within: OperatingRange, inputs: F, segments: I) -
     return np.clip(total, low, high), (total < low) | (total > high)
 
 
-def mixture_table(body: Mixture, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def mixture_table(body: Mixture, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the members with their weights and sizes."""
     rows = [
-        (Markup("{}").format(member.body.option), four_figures(member.weight), Markup("{}").format(member.body.size),
+        (member.body.option, four_figures(member.weight), member.body.size,
          *map(four_figures, member.force_envelope_N))
         for member in body.members
     ]  # fmt: skip
-    return parameter_table(ABOUT, tuple(map(Markup, HEADS)), tuple(rows))
+    return parameter_section(ABOUT, HEADS, rows)
 
 
 def _refuse(sizes: Mapping[str, Size]) -> Fitter:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from markupsafe import Markup
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
+from ces_identify.numerics.least_squares import Penalty, pull_towards
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
@@ -19,7 +19,6 @@ from ces_identify.training import (
     Family,
     LagCounts,
     Lags,
-    RegressorTable,
     Training,
     build_regressors,
     normal_equations,
@@ -31,7 +30,8 @@ from ces_observer.tick.lagged import LAGGED_PHI
 from ces_observer.tick.sigmoid import (
     SIGMOID_LAYER, SIGMOID_OUTPUTS, SIGMOID_SCALE, SIGMOID_UNITS, SIGMOID_WEIGHTS, sigmoid_force,
 )  # fmt: skip
-from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
+from ces_report.table import Section, parameter_section
+from ces_report.typesetting import describe_signals, four_figures, signal_symbol
 
 FIRST_GAIN = 0.9  # gain of the past forces in a start
 FIRST_SLOPE = 1.5  # standard deviation of a start's slopes, all inputs together
@@ -104,11 +104,11 @@ class NetworkFit(Family):
         grown[len(params) :: 2 + len(self.regressors)] = 0.0
         return grown
 
-    def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared error with decay, its matrix and its gradient."""
-        error, matrix, gradient = self.normal_equations(table, params, max_error)
-        matrix[np.diag_indices_from(matrix)] += self.decay
-        return error + self.decay * float(params @ params), matrix, gradient - self.decay * params
+    @property
+    def pull(self) -> Penalty:
+        """The pull of all parameters towards 0."""
+        count = 1 + len(self.regressors) + self.units * (2 + len(self.regressors))
+        return pull_towards(np.zeros(count), np.full(count, self.decay))
 
     def gains(self, params: F) -> tuple[F, F]:
         """Return the bound of ces_observer.structures.network (1,), smoothed upward, and its gradient (1, params)."""
@@ -180,7 +180,7 @@ def read_lags(text: str) -> LagCounts | None:
     return lags
 
 
-def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the regressors, with the force for a change of each."""
     about = (
         f"A sigmoid network of {len(network.units)} units. Linear part and units: force for a change by one spread, "
@@ -196,7 +196,7 @@ def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries
         for r, slope, units_N in zip(network.regressors, network.linear, all_units_N, strict=True)
     ]
     symbols = describe_signals((r.signal for r in network.regressors), model.sampling.rate_Hz)
-    return parameter_table(about, tuple(map(Markup, heads)), tuple(rows), symbols)
+    return parameter_section(about, heads, rows, symbols)
 
 
 UNITS = Option("units", NetworkShape().units, "sigmoids of a sigmoid network, at most", 1, 60, metavar="N")

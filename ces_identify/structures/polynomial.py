@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 from markupsafe import Markup
@@ -36,11 +37,10 @@ from ces_observer.structures.constructed_inputs import (
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Factor, Term
+from ces_report.table import BAR, Column, Section, Table
 from ces_report.typesetting import (
     UNITS,
-    ModelTable,
     Symbols,
-    TableColumn,
     describe_signals,
     minus,
     signal_symbol,
@@ -189,32 +189,31 @@ NOTE = (
     "terms may cancel, so the shares need not add up to 100\N{NO-BREAK SPACE}%."
 )
 NO_RUN = "–: no simulated force to compare a term with, since no recording was run or every run diverged at once."
-COLUMNS = (
-    TableColumn(Markup("Regressor"), "", "formula"),
-    TableColumn(Markup("Coefficient")),
-    TableColumn(Markup("Unit"), "", "unit"),
-    TableColumn(Markup("RMS [N]")),
-    TableColumn(Markup("Of the force [%]"), "j", "j"),
+COLUMNS: tuple[Column[Sequence[str]], ...] = (
+    Column("Regressor", itemgetter(0), css="formula"),
+    Column("Coefficient", itemgetter(1), figure=True),
+    Column("Unit", itemgetter(2), css="unit"),
+    Column("RMS [N]", itemgetter(3), figure=True),
+    Column("Of the force [%]", itemgetter(4), css="j", head_css="j"),
 )
 
 
-def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the terms by their contribution to the free runs, largest first; `role` names the recordings' role."""
     parts, whole = contributions(polynomial, model, runs)
     order = np.argsort(-parts, kind="stable") if whole > 0.0 else np.arange(len(parts))
-    bar = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{}%"></span></span>')
     rows = []
     for t in order:
-        term, cells = polynomial.terms[t], (Markup("\N{EN DASH}"), Markup("\N{EN DASH}"))
+        term, cells = polynomial.terms[t], ("\N{EN DASH}", "\N{EN DASH}")
         if whole > 0.0:
             part, share = float(parts[t]), 100.0 * float(parts[t]) / whole
-            cells = Markup(three_figures(part)), bar.format(three_figures(share), f"{min(share, 100.0):.1f}")
-        coefficient = Markup(minus(f"{term.coefficient:.5g}"))
-        rows.append((format_term(term, model.envelope), coefficient, coefficient_unit(term), *cells))
+            cells = three_figures(part), BAR.format(three_figures(share), min(share, 100.0))
+        name, coefficient = format_term(term, model.envelope), minus(f"{term.coefficient:.5g}")
+        rows.append((name, coefficient, coefficient_unit(term), *cells))
     equation = Markup("<var>F</var>(<var>k</var>) = Σ coefficient · regressor")
     symbols = describe_symbols(polynomial.terms, model.sampling.rate_Hz)
-    after = NOTE.format(role) if whole > 0.0 else NO_RUN
-    return ModelTable("terms", "Regressors", equation, COLUMNS, tuple(rows), note_after=after, symbols=symbols)
+    note = NOTE.format(role) if whole > 0.0 else NO_RUN
+    return Section("terms", "Regressors", Table(COLUMNS, rows), note, equation, symbols)
 
 
 def contributions(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSeries]) -> tuple[F, float]:

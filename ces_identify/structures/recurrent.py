@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from markupsafe import Markup
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.search import Limits, Listener, SearchResult, reason_to_end, run_starts
@@ -30,7 +29,8 @@ from ces_identify.training import Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.recurrent import Recurrent
-from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table
+from ces_report.table import Section, parameter_section
+from ces_report.typesetting import describe_signals, four_figures
 
 STEPS = 5000  # of a fit in the default work
 WARM_STEPS = 50  # over which the rate rises
@@ -183,7 +183,7 @@ def _refit_members(
     return make(refitted)
 
 
-def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the decay times and frequencies of the filters, by network and stage."""
     about = (
         f"The mean of {len(body.members)} networks of linear filters with layers of tanh between them: two stages for "
@@ -191,8 +191,8 @@ def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSerie
     )
     rows = [
         (
-            Markup("{}, {}").format(n, name.replace("_", " ")),
-            Markup("{}").format(len(stage.decay_s)),
+            f"{n}, {name.replace('_', ' ')}",
+            str(len(stage.decay_s)),
             *(four_figures(1e3 * find(stage.decay_s)) for find in (min, max)),
             four_figures(max(map(abs, stage.frequency_Hz))),
         )
@@ -201,9 +201,7 @@ def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSerie
     ]
     heads = ("Network, stage", "Filters", "Fastest decay [ms]", "Slowest [ms]", "Highest frequency [Hz]")
     signals = {scaled.signal.partition("_")[0] for scaled in (*body.motion, *body.current)}
-    return parameter_table(
-        about, tuple(map(Markup, heads)), tuple(rows), describe_signals(signals, model.sampling.rate_Hz)
-    )
+    return parameter_section(about, heads, rows, describe_signals(signals, model.sampling.rate_Hz))
 
 
 RECURRENT = StructureKit(

@@ -23,7 +23,7 @@ from ces_identify.validation.evaluate import IDENTIFICATION, CostInterval, Evalu
 from ces_observer.model import Model
 from ces_report.table import Column, Table
 
-NONE = "-"
+NONE = "\N{EN DASH}"
 RULE = (
     f"of every {PERIOD_BLOCKS * BLOCK_S:g} s of identification data, the first {ESTIMATION_BLOCKS * BLOCK_S:g} s serve "
     f"estimation and the last {(PERIOD_BLOCKS - ESTIMATION_BLOCKS) * BLOCK_S:g} s selection; a last fit may use both; "

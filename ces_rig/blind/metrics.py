@@ -17,6 +17,7 @@ import numpy as np
 from scipy.stats import binom, norm
 
 from ces_data.arrays import F
+from ces_report.table import Column, Table
 from ces_rig.blind.scoring import CLASSES, NONE, UNKNOWN, CaseOutcome
 
 LEVEL = 0.95
@@ -115,15 +116,18 @@ class Metric:
         """Return a value of the figure as text, a dash if it is not finite."""
         return "–" if not isfinite(value) else f"{100 * value:.1f} %" if self.percent else f"{value:.3f}"
 
-    def describe(self, figure: Statistic, class_name: str = "") -> tuple[str, str, str, str]:
+    def describe(self, figure: Statistic, class_name: str = "") -> str:
         """Return value, interval, cases, a class's target and whether it is met (undecided inside the interval)."""
-        (low, high), target, goal = figure.interval, self.target(class_name), ""
-        if target is not None:
-            at_least = self.target_is_minimum
-            met, missed = (low >= target, high < target) if at_least else (high <= target, low > target)
-            decided = "met" if met else "**not met**" if missed else "undecided"
-            goal = f"{'≥' if at_least else '≤'} {self.format(target)} {decided}"
-        return self.format(figure.value), f"{self.format(low)} to {self.format(high)}", str(figure.count), goal
+        if not figure.count:
+            return "–"
+        (low, high), target = figure.interval, self.target(class_name)
+        text = f"{self.format(figure.value)} ({self.format(low)} to {self.format(high)}; {figure.count})"
+        if target is None:
+            return text
+        at_least = self.target_is_minimum
+        met, missed = (low >= target, high < target) if at_least else (high <= target, low > target)
+        decided = "met" if met else "**not met**" if missed else "undecided"
+        return f"{text}; {'≥' if at_least else '≤'} {self.format(target)} {decided}"
 
 
 def cases_of_kind(cases: Cases, *kinds: str) -> list[CaseOutcome]:
@@ -187,20 +191,17 @@ METRICS: tuple[Metric, ...] = (
 )  # fmt: skip
 
 
-TextRows = list[list[str]]
-"""A table of texts: the first row is the head, every other has as many cells."""
+Group = tuple[str, Cases]  # cases and what they have in common
 
 
-def metric_table(title: str, groups: Mapping[str, Cases]) -> TextRows:
+def metric_table(title: str, groups: Mapping[str, Cases]) -> Table[Group]:
     """Return one row per group of cases: each metric with its interval, the number of cases, and the target."""
-    rows = [[title, "cases", *(metric.name for metric in METRICS)]]
-    for name, cases in groups.items():
-        row = [name, str(len(cases))]
-        for metric in METRICS:
-            value, interval, count, goal = metric.describe(metric.count(cases), cases[0].mode.class_name)
-            row.append(f"{value} ({interval}; {count})" + (f"; {goal}" if goal else "") if count != "0" else "–")
-        rows.append(row)
-    return rows
+
+    def column_of(metric: Metric) -> Column[Group]:
+        return Column(metric.name, lambda group: metric.describe(metric.count(group[1]), group[1][0].mode.class_name))
+
+    names = (Column[Group](title, lambda group: group[0]), Column[Group]("cases", lambda group: str(len(group[1]))))
+    return Table([*names, *map(column_of, METRICS)], list(groups.items()))
 
 
 def group_cases(cases: Cases, key: Callable[[CaseOutcome], object]) -> dict[str, list[CaseOutcome]]:
@@ -211,14 +212,15 @@ def group_cases(cases: Cases, key: Callable[[CaseOutcome], object]) -> dict[str,
     return groups
 
 
-def withheld_table(cases: Cases) -> TextRows:
+def withheld_table(cases: Cases) -> Table[Group]:
     """Return for everything that was withheld the verdicts, and what was most probable."""
     groups = group_cases(cases, lambda case: f"{case.kind}: {' + '.join(case.truth)}".removesuffix(": "))
-    rows = [["withheld", "verdicts", "first"]]
-    for name, part in groups.items():
-        firsts = [c.ranked[0] if c.ranked else "nothing" for c in part]
-        rows.append([name, _format_counts([c.verdict for c in part]), _format_counts(firsts)])
-    return rows
+    columns: tuple[Column[Group], ...] = (
+        Column("withheld", lambda group: group[0]),
+        Column("verdicts", lambda group: _format_counts([case.verdict for case in group[1]])),
+        Column("first", lambda group: _format_counts([*case.ranked, "nothing"][0] for case in group[1])),
+    )
+    return Table(columns, list(groups.items()))
 
 
 def mode_facts(cases: Cases) -> dict[str, Any]:

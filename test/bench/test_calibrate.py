@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.gaps import calibrate
-from ces_gap.inference.odds import VerdictFigures
+from ces_gap.inference.judgement import VerdictFigures
 from ces_rig.blind.cases import write_seal
 
 KINDS = ("effect", "effect", "pair", "outside", "none")

@@ -13,10 +13,10 @@ from programs import ONE_KIND
 
 from bench.gaps.users_dampers import SIMULATORS, record
 from ces_cli.terminal.inputs import open_simulation
+from ces_gap.api import result_files
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, Diagnosis
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.report.gap_json import gap_document
-from ces_gap.report.result_files import result_files
 from ces_identify.simulations.simulation import FunctionSimulation
 
 pytestmark = pytest.mark.slow

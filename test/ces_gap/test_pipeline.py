@@ -25,6 +25,7 @@ from ces_gap.errors import GapError
 from ces_gap.inference import evidence, findings
 from ces_gap.inference.held_out import HeldOutScorer
 from ces_gap.inputs import prepare
+from ces_gap.limits import TwinLimits
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import OptionalSteps
 from ces_gap.trace import Trace, TraceInputs
@@ -73,7 +74,7 @@ class Ripple(Effect):
 @pytest.fixture(autouse=True)
 def run_directly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run the simulation directly on a busy machine too, with fixed weights of the verdict."""
-    monkeypatch.setattr(prepare, "SLOW_S", 60.0)
+    monkeypatch.setattr(TwinLimits, "SLOW_S", 60.0)
     monkeypatch.setattr(pipeline, "calibration", lambda *_: WEIGHTS)
 
 
@@ -180,7 +181,7 @@ def test_recorded_predictions_are_sufficient(few_effects: None) -> None:
 
 
 def test_no_effect_is_put_inside_a_poor_twin(few_effects: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    poor = Twin(make_hydraulic(PLAIN_VALVE, air=0.0), STEP_S, 1.1 * prepare.MAX_TWIN_COST_J)
+    poor = Twin(make_hydraulic(PLAIN_VALVE, air=0.0), STEP_S, 1.1 * TwinLimits.MAX_COST_J)
     monkeypatch.setattr(prepare, "find_twin", lambda *_: poor)
     found = run_diagnosis(late, (library_effect("leakage", "past_piston"),), references=False)
     assert found.composition.effects == ("position_delay",) and found.twin == poor

@@ -1,4 +1,4 @@
-"""Traces: clean signals pass, gaps and transients are not usable, noise and rates are correct."""
+"""Traces: clean signals pass, gaps and transients are not usable, noise, rates and maps of the plant are correct."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from damper_models import delayed_damper
 from engine_plant import NOISE_N, RATE_HZ, SIMULATION, recorded, traced
+from input_physics import TABLE, plain, series
+from input_physics import recorded as record_force
 
 from ces_data.recording import Channel, Recording
 from ces_gap.errors import GapError
@@ -182,3 +184,24 @@ def test_the_unknown_end_of_a_model_with_a_delay_is_not_used() -> None:
     assert np.isfinite(trace.simulated).all() and np.isfinite(trace.simulated_as_logged).all()
     assert not trace.usable[trace.time_s > 3.979].any()
     assert trace.usable[(trace.time_s > 1.0) & (trace.time_s < 3.8)].all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [9.5e5, 5e6])
+def test_the_spring_of_a_plant_is_identified(stiffness: float) -> None:
+    trace = record_force(series(TABLE / stiffness))
+    compliance = replace(trace, simulated=trace.force).sprung_map.compliance
+    assert 0.5 < compliance * stiffness < 2.0  # compliances are tried by factors of 1.8
+
+
+def test_a_plant_without_a_spring_has_none() -> None:
+    assert plain().sprung_map.compliance == 0.0
+
+
+def test_a_map_is_learnt_once_for_a_trace_from_its_map_ticks() -> None:
+    trace = plain()
+    early = trace.usable & (trace.time_s < 0.5 * trace.time_s[-1])
+    assert trace.sprung_map is trace.sprung_map
+    part, judged = replace(trace, usable=early), replace(trace, usable=trace.usable & ~early, map_ticks=early)
+    np.testing.assert_array_equal(judged.sprung_map.map.table, part.sprung_map.map.table)
+    assert not np.array_equal(judged.sprung_map.map.table, trace.sprung_map.map.table)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, SAMPLING, planted
 
-from ces_identify.numerics.least_squares import BLOCK, accumulate, mirror
+from ces_identify.numerics.least_squares import BLOCK, accumulate, evaluate, mirror
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.fuzzy import FuzzyFit, PremiseGrid
 from ces_identify.structures.network import KINK, NetworkFit
@@ -67,7 +67,7 @@ def test_force_of_parameters_is_that_of_their_model(make):
 def test_matrix_and_gradient_are_those_of_finite_differences(make):
     fit = make(data())
     params, t = parameters(fit), fit.training
-    _, matrix, gradient = replace_decay(fit).errors(params, np.inf)
+    _, matrix, gradient = fit.equations(params, np.inf)
     jacobian = np.empty((len(t.measured), len(params)))
     for p in range(len(params)):
         step = np.zeros_like(params)
@@ -83,46 +83,32 @@ def test_matrix_and_gradient_are_those_of_finite_differences(make):
     )
 
 
-def replace_decay(fit):
-    return (
-        replace(fit, decay=0.0)
-        if isinstance(fit, NetworkFit)
-        else Unregularised(fit.training, fit.regressors, fit.grid, 0)
-    )
-
-
-class Unregularised(FuzzyFit):
-    def errors_on(self, table, params, max_error):
-        return self.normal_equations(table, params, max_error)
-
-
 @pytest.mark.parametrize("make", FITS)
 def test_error_is_that_of_the_free_run_on_the_estimation_ticks_and_its_regularisation(make):
     fit = make(data())
     params, t = parameters(fit), fit.training
     plain = float(t.estimation @ (t.measured - fit.force(params)) ** 2)
-    assert replace_decay(fit).errors(params, np.inf)[0] == pytest.approx(plain, rel=1e-9)
-    assert fit.errors(params, np.inf)[0] > plain
-    assert fit.errors(params, 0.5 * plain)[0] == np.inf
+    assert fit.equations(params, np.inf).error == pytest.approx(plain, rel=1e-9)
+    assert evaluate(fit.equations, [fit.pull], params).value > plain
+    assert fit.equations(params, 0.5 * plain).error == np.inf
 
 
 @pytest.mark.parametrize("make", FITS)
 def test_regularisation_bend_error_and_gradient_alike(make):
     fit = make(data())
     params = parameters(fit)
-    _, matrix, gradient = fit.errors(params, np.inf)
-    bare = replace_decay(fit).errors(params, np.inf)
+    _, matrix, gradient = fit.pull(params)
     direction = np.random.default_rng(1).normal(size=len(params))
     direction /= np.linalg.norm(direction)
 
     def price(at):
-        return fit.errors(at, np.inf)[0] - replace_decay(fit).errors(at, np.inf)[0]
+        return fit.pull(at).error
 
     h = 1e-3
     slope = (price(params + h * direction) - price(params - h * direction)) / (2 * h)
-    assert -2.0 * (gradient - bare[2]) @ direction == pytest.approx(slope, rel=1e-4)
+    assert -2.0 * gradient @ direction == pytest.approx(slope, rel=1e-4)
     curve = (price(params + h * direction) - 2 * price(params) + price(params - h * direction)) / h**2
-    assert 2.0 * direction @ (matrix - bare[1]) @ direction == pytest.approx(curve, rel=1e-3)
+    assert 2.0 * direction @ matrix @ direction == pytest.approx(curve, rel=1e-3)
 
 
 @pytest.mark.parametrize("make", FITS)

@@ -117,7 +117,8 @@ def test_a_shade_is_where_the_mask_is_true() -> None:
 
 def test_the_table_has_the_extremes_of_every_mark() -> None:
     root = drawn(one_area(PlotLine("model", TIME, WAVE), PlotBand("band", TIME, WAVE - 1, WAVE + 1)))
-    rows = {r.find("th").text: [c.text for c in r.iter("td")] for r in root.iter("tr") if r.find("td") is not None}
+    lines = [[cell.text for cell in row.iter("td")] for row in root.iter("tr")]
+    rows = {name: values for name, *values in filter(None, lines)}
     names = ("model", "band, lower end", "band, upper end")
     assert list(rows) == [f"{name}: Force [N]" for name in names]
     assert rows["model: Force [N]"][:2] == ["5000", "−300"]

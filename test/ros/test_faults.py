@@ -29,7 +29,7 @@ from test_misuse import CURRENT_A, EXECUTORS, compare, damper
 from vehicle import Vehicle, reliable_inputs, wait
 
 from bench.reliability.campaign import make_limits, play, start_stage
-from bench.reliability.judge import REAL, Fault, faults
+from bench.reliability.judge import Fault, faults
 
 if TYPE_CHECKING:
     from bench.reliability.campaign import Stage
@@ -48,7 +48,7 @@ TRIES = 5
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    with start_stage(MODEL, tmp_path_factory.mktemp("faults"), REAL) as stage:
+    with start_stage(MODEL, tmp_path_factory.mktemp("faults")) as stage:
         yield stage
 
 
@@ -61,7 +61,7 @@ def shorten(fault: Fault) -> Fault:
 def play_undisturbed(stage: Stage, fault: Fault, dice: Random) -> FaultOutcome:
     """Play one episode, and again if it went wrong: its limits are times, and a busy computer holds processes up."""
     for _ in range(TRIES):
-        [outcome] = play(stage, [fault], make_limits(MODEL, REAL), dice)
+        [outcome] = play(stage, [fault], make_limits(MODEL), dice)
         if not outcome.wrong:
             break
     return outcome

@@ -11,7 +11,7 @@ from made_recordings import recording_of
 
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
-from ces_gap.inference.odds import OddsWeights
+from ces_gap.inference.judgement import OddsWeights
 from ces_gap.trace import Trace, open_trace
 from ces_identify.simulations.simulation import FunctionSimulation
 

@@ -58,16 +58,16 @@ def user_effect(spec: str) -> Effect:
 def class_of(effect: Effect) -> str | None:
     """Return `module:Class` of an effect of the user, None for one of the library."""
     kind = type(effect)
-    known = {(type(form), form.form) for form in (*library(), *simulation_errors())}
-    return None if (kind, effect.form) in known else f"{kind.__module__}:{kind.__qualname__}"
+    forms = {(type(form), form.form) for form in (*library(), *simulation_errors())}
+    return None if (kind, effect.form) in forms else f"{kind.__module__}:{kind.__qualname__}"
 
 
 def library_effect(name: str, form: str) -> Effect:
     """Return a form of an effect of the library; raises GapError if there is none."""
-    known = (*library(), *simulation_errors())
-    forms = {e.form: e for e in known if e.name == name}
+    effects = (*library(), *simulation_errors())
+    forms = {e.form: e for e in effects if e.name == name}
     if not forms:
-        raise GapError(f"unknown effect '{name}'; expected {', '.join(dict.fromkeys(e.name for e in known))}")
+        raise GapError(f"unknown effect '{name}'; expected {', '.join(dict.fromkeys(e.name for e in effects))}")
     if form not in forms:
         raise GapError(f"effect '{name}' has no form '{form}'; expected {', '.join(forms)}")
     return forms[form]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.terminal import make_table, print_table
+from ces_cli.terminal.terminal import lay_out, print_table
+from ces_report.table import text_table
 
 NUMBERS = ("-123456.7", "12.34-56.78", "1234567", "diverged", "100.0", "-98765.4", "0.001")
 HEADINGS = ("RMS N", "95 %", "samples", "J %", "out %", "from", "to")
@@ -19,10 +20,7 @@ def printed(capsys, monkeypatch, table, width):
 
 
 def wide_table():
-    table = make_table("costs", ("recording",), HEADINGS)
-    for name in (NAME, f"{NAME}8"):
-        table.add_row(name, *NUMBERS)
-    return table
+    return lay_out(text_table(("recording", *HEADINGS), [(name, *NUMBERS) for name in (NAME, f"{NAME}8")], "costs"))
 
 
 @pytest.mark.parametrize("width", [40, 60, 80, 100, 200])
@@ -36,6 +34,5 @@ def test_every_number_is_shown_whole_within_the_width(capsys, monkeypatch, width
 
 
 def test_a_table_that_fits_is_one(capsys, monkeypatch):
-    small = make_table("small", ("a",), ("b",))
-    small.add_row("x", "1")
+    small = lay_out(text_table(("a", "b"), [("x", "1")], "small"))
     assert len(printed(capsys, monkeypatch, small, 20).split("a  b")) == 2

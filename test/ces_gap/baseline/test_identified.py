@@ -8,9 +8,10 @@ from bands import make_band
 from damper_models import plain_damper
 from rig_rides import identified, rig_ride
 
-from ces_gap.baseline.identified import ERROR_MARGIN, add_left_out_force, add_own_error, identify_baseline
+from ces_gap.baseline.identified import add_left_out_force, add_own_error, identify_baseline
 from ces_gap.baseline.learner import learn_correction
 from ces_gap.errors import GapError
+from ces_gap.limits import EvidenceLimits
 from ces_gap.trace import open_trace
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
 from ces_observer.model import load_model
@@ -67,7 +68,9 @@ def test_a_model_says_by_its_band_how_far_it_may_be_off_on_the_usable_ticks():
     early, late = (replace(trace, usable=trace.usable & (side > 0)) for side in (4 - trace.time_s, trace.time_s - 4))
     for part in (trace, early, late):
         root = np.sqrt(np.mean(expected[part.usable] ** 2))
-        assert add_own_error(simulation, part).own_error_N == pytest.approx(ERROR_MARGIN * root / 1.645, rel=0.02)
+        assert add_own_error(simulation, part).own_error_N == pytest.approx(
+            EvidenceLimits.UNSEEN * root / 1.645, rel=0.02
+        )
     assert add_own_error(ModelSimulation(plain_damper()), trace) is trace
     assert add_own_error(FunctionSimulation("f", lambda t, x, i: x), trace) is trace
 

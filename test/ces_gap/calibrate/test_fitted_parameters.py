@@ -161,7 +161,7 @@ def test_a_default_of_zero_needs_a_range_and_predictions_have_no_parameters() ->
 
 
 def test_a_diagnosis_does_not_fit_for_an_hour_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ces_gap.calibrate.calibration.MAX_UNASKED_S", 0.0)
+    monkeypatch.setattr("ces_gap.limits.ParameterLimits.MAX_UNASKED_S", 0.0)
     recordings = [record("knee", {"knee_m_s": 0.2}, 1, seconds=6.0)]
     fixed = free_parameters(simulation("knee"), "knee", recordings, True, (), None)
     assert not fixed.competed and "the parameters keep their values" in fixed.notes[0]

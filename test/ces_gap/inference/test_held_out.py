@@ -15,13 +15,7 @@ from search_examples import FRICTION, OFFSET, PLANT, planted
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
-from ces_gap.inference.fit import (
-    MISFIT_ALIGNED,
-    EffectFit,
-    count_stuck_parameters,
-    estimate_parameters,
-    fit_from,
-)
+from ces_gap.inference.fit import EffectFit, count_stuck_parameters, estimate_parameters, fit_from
 from ces_gap.inference.held_out import (
     Blocks,
     Explanation,
@@ -34,8 +28,8 @@ from ces_gap.inference.held_out import (
     gaps_without_each,
     has_undetermined_effect,
 )
-from ces_gap.inference.judgement import Judgement
-from ces_gap.inference.odds import Probabilities
+from ces_gap.inference.judgement import Judgement, Probabilities
+from ces_gap.limits import SearchLimits
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -171,7 +165,7 @@ def test_what_the_effects_leave_beyond_the_noise_widens_the_intervals() -> None:
     noisy, biased = (replace(sharp, residual=scale * rng.standard_normal(4000)) for scale in (1.0, 3.0))
     (((narrow,),), ((wide,),)) = (estimate_parameters(f) for f in (noisy, biased))
     size = float(np.linalg.norm(sharp.jacobian))
-    expected = np.hypot(10.0, MISFIT_ALIGNED * np.sqrt(8.0 * 4000) / size)
+    expected = np.hypot(10.0, SearchLimits.MISFIT_ALIGNED * np.sqrt(8.0 * 4000) / size)
     assert narrow.ci95[1] - narrow.value == pytest.approx(19.6, rel=0.01)
     assert wide.ci95[1] - wide.value == pytest.approx(1.96 * expected, rel=0.05)
 

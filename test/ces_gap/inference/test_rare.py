@@ -11,7 +11,8 @@ from engine_plant import traced
 from scipy.signal import lfilter
 
 from ces_data.arrays import F
-from ces_gap.inference.rare import MIN_BLOCKS, RareDeviation, find_rare_deviation
+from ces_gap.inference.rare import RareDeviation, find_rare_deviation
+from ces_gap.limits import RareLimits
 from ces_gap.trace import Trace
 
 NOISE_N, SECONDS = 6.0, 20.0
@@ -55,6 +56,6 @@ def test_what_is_immaterial_known_or_too_short_is_none() -> None:
     struck = hit(measured(1), 7.0, 80.0, 0.03)
     assert find([struck]) is not None and find([struck], least_N=100.0) is None
     assert find([struck], [(struck.force - struck.simulated)]) is None  # references show as much
-    short = replace(struck, usable=struck.usable & (np.abs(struck.time_s - 7.0) < 0.2 * MIN_BLOCKS))
+    short = replace(struck, usable=struck.usable & (np.abs(struck.time_s - 7.0) < 0.2 * RareLimits.MIN_BLOCKS))
     assert find([short]) is None
     assert find([replace(struck, usable=np.zeros(len(struck), bool))]) is None

@@ -19,8 +19,6 @@ from ces_gap.inference.evidence import Evidence, gather
 from ces_gap.inference.fit import EffectFit, fit_alone, fit_together
 from ces_gap.inference.refinement import Refinement
 from ces_gap.inference.search import (
-    MAX_ALIKE_SHARE,
-    NEGLIGIBLE_SHARE,
     CompositionSearch,
     EffectSearchResult,
     compute_paired_gain,
@@ -30,6 +28,7 @@ from ces_gap.inference.search import (
     min_unexplained_shares,
     search,
 )
+from ces_gap.limits import SearchLimits, VerdictLimits
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -197,7 +196,7 @@ def test_gains_of_current_and_force_are_alternatives_at_constant_current_only(co
     result = search(planted(FRICTION, traces=traces), forms, Refinement(), 1)
     worse, better = sorted((f.cost for f in result.alone), reverse=True)
     share = (worse - better) / result.gap_energy
-    assert NEGLIGIBLE_SHARE < share < MAX_ALIKE_SHARE  # the difference is visible in both
+    assert SearchLimits.NEGLIGIBLE < share < VerdictLimits.TENTH  # the difference is visible in both
     groups = [set(group) for group in interchangeable_effects(result)]
     assert groups == ([{"current_scale", "force_scale"}] if constant_A else [])
 
@@ -207,7 +206,7 @@ def test_distinguishable_effects_are_not_interchangeable(effects: tuple) -> None
     result = run_search(planted(*effects))
     assert interchangeable_effects(result) == () and find_alternatives(result)
     shares = min_unexplained_shares(result)
-    assert min(shares[n] for n in shares if n not in {s.name for s in effects}) > NEGLIGIBLE_SHARE
+    assert min(shares[n] for n in shares if n not in {s.name for s in effects}) > SearchLimits.NEGLIGIBLE
 
 
 class Chirps(Effect):

@@ -26,11 +26,14 @@ from ces_gap.inference.judgement import (
     UNKNOWN,
     ClosedShare,
     GapSize,
+    OddsWeights,
+    Probabilities,
     SearchFindings,
     VerdictEvidence,
+    VerdictFigures,
 )
-from ces_gap.inference.odds import OddsWeights, Probabilities, VerdictFigures
-from ces_gap.inference.verdict import CLEARLY_MORE, HALF, TENTH, confirm_ties, judge, leaves_clearly_more
+from ces_gap.inference.verdict import confirm_ties, judge, leaves_clearly_more
+from ces_gap.limits import VerdictLimits
 
 CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 0)
 
@@ -125,7 +128,7 @@ def test_what_speaks_against_a_cause(values: dict[str, Any], verdict: str, doubt
     possible = [found.probabilities.none, found.probabilities.unknown]
     causes = values.get("composition", ("friction",))
     possible += [p for name, p in found.probabilities.effects.items() if name not in causes]
-    assert (max(possible) >= TENTH - 1e-9) == (verdict != NAMED)
+    assert (max(possible) >= VerdictLimits.TENTH - 1e-9) == (verdict != NAMED)
 
 
 def test_a_rare_deviation_is_a_gap_however_small_its_rms() -> None:
@@ -283,18 +286,18 @@ def test_no_verdict_contradicts_its_probabilities_or_sizes(e: VerdictEvidence) -
             not e.composition
             or e.search.is_map
             or e.may_be_own_error
-            or max(closed, default=0.0) <= 1.0 - TENTH / 2.0 + ROUNDING
+            or max(closed, default=0.0) <= 1.0 - VerdictLimits.TENTH / 2.0 + ROUNDING
         )
     else:
         assert e.composition and known >= max(none, unknown) - ROUNDING
     if found.verdict == NAMED:
         assert sum(causes.values()) >= max(none, unknown, *others) - ROUNDING
-        assert e.closed.value >= HALF and e.closed.low > 0.0
+        assert e.closed.value >= VerdictLimits.HALF and e.closed.low > 0.0
         left = [1.0 - c.value for name, c in e.closed_alone.items() if name not in (*causes, "calibration")]
         assert all(np.isnan(x) or x >= 1.0 - e.closed.value for x in left)
-        assert all(p < TENTH for name, p in effects.items() if name not in (*causes, "calibration"))
+        assert all(p < VerdictLimits.TENTH for name, p in effects.items() if name not in (*causes, "calibration"))
     if found.verdict == AMBIGUOUS:
-        enough = min(TENTH, max(causes.values())) / (len(effects) + 1)
+        enough = min(VerdictLimits.TENTH, max(causes.values())) / (len(effects) + 1)
         assert found.alternatives or max(none, unknown, *others, 0.0) >= enough - ROUNDING
 
 
@@ -318,7 +321,7 @@ UNKNOWN_SHARE = ClosedShare(np.nan, np.nan, np.nan)
 
 @pytest.mark.parametrize(("rms", "width", "clearly"), [(0.53, 0.3, False), (0.61, 0.3, True), (0.55, 0.01, True)])
 def test_more_is_clear_by_its_size_or_beyond_the_interval(rms: float, width: float, clearly: bool) -> None:
-    assert (rms > CLEARLY_MORE * 0.52) == (rms == 0.61)
+    assert (rms > VerdictLimits.CLEARLY_MORE * 0.52) == (rms == 0.61)
     assert leaves_clearly_more(leaving(rms, width), BEST) == clearly
     assert not any(leaves_clearly_more(other, BEST) for other in (BEST, leaving(0.3), UNKNOWN_SHARE))
 

@@ -18,6 +18,7 @@ from ces_gap.errors import GapError
 from ces_gap.grid import rms, thin_out
 from ces_gap.inputs import prepare as prepare_module
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings, set_aside
+from ces_gap.limits import TwinLimits
 from ces_gap.trace import Trace
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation
 
@@ -54,8 +55,8 @@ def test_recordings_keep_their_roles() -> None:
 
 
 def test_a_fast_simulation_is_run_directly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
-    monkeypatch.setattr(prepare_module, "SLOW_CLOCK_S", 60.0)
+    monkeypatch.setattr(TwinLimits, "SLOW_S", 60.0)
+    monkeypatch.setattr(TwinLimits, "SLOW_CLOCK_S", 60.0)
     inputs = prepare([recorded()])
     assert isinstance(inputs.exact, DirectSimulator) and inputs.cheap is inputs.exact
     assert inputs.best is inputs.exact and inputs.slow is None
@@ -63,7 +64,7 @@ def test_a_fast_simulation_is_run_directly(monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.slow
 def test_the_twin_replaces_a_slow_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prepare_module, "SLOW_S", 0.0)
+    monkeypatch.setattr(TwinLimits, "SLOW_S", 0.0)
     inputs = prepare([recorded(seed=1, seconds=5.0), recorded(seed=2, seconds=5.0)])
     assert isinstance(inputs.exact, DirectSimulator) and isinstance(inputs.twin, Twin)
     assert inputs.cheap is inputs.twin

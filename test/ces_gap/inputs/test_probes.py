@@ -16,14 +16,14 @@ from scipy.signal import butter, lfilter
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
+from ces_gap.api import result_files
 from ces_gap.augmented import load_augmented
-from ces_gap.baseline.input_timing import InputTiming, RetimedSimulation
+from ces_gap.baseline.wrappers import InputTiming, RetimedSimulation
 from ces_gap.diagnosis import NO_GAP, Diagnosis
-from ces_gap.inputs import prepare
 from ces_gap.inputs.probe_result import EARLY, HELD, INTERPOLATED, LATE, STATIC, UNCLEAR, SimulationProbe
 from ces_gap.inputs.probes import correct_inputs, probe
+from ces_gap.limits import TwinLimits
 from ces_gap.pipeline import DiagnoseOptions, diagnose
-from ces_gap.report.result_files import result_files
 from ces_gap.trace import open_trace
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, RecordedSimulation, Simulation
 from ces_observer.errors import CesError
@@ -293,8 +293,8 @@ def run(function: Damper, noise_N: float = 3.0) -> Diagnosis:
 @pytest.fixture
 def fast(monkeypatch: pytest.MonkeyPatch) -> None:
     """No simulation is slow."""
-    monkeypatch.setattr(prepare, "SLOW_S", 60.0)
-    monkeypatch.setattr(prepare, "SLOW_CLOCK_S", 60.0)
+    monkeypatch.setattr(TwinLimits, "SLOW_S", 60.0)
+    monkeypatch.setattr(TwinLimits, "SLOW_CLOCK_S", 60.0)
 
 
 @pytest.mark.slow

@@ -15,14 +15,15 @@ from diagnoses import ALL, ambiguous, experiment, explained, named, no_gap, pair
 from example_effects import Friction
 from pages import assert_self_contained
 
-from ces_gap.diagnosis import Diagnosis, Estimate, GapRegion, HeldOutSeries, Where, format_verdict
+from ces_gap.api import result_files
+from ces_gap.diagnosis import Diagnosis, Estimate, GapRegion, HeldOutSeries, Where
 from ces_gap.effects.effect import Setting
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.report.charts import draw_share_charts, find_largest_errors, shares_ci95
 from ces_gap.report.formatting import join_effect_names, parameter_text, percent, region_name
 from ces_gap.report.page import build_gap_steps, report_page
-from ces_gap.report.result_files import result_files
+from ces_gap.report.sentences import format_verdict
 from ces_gap.report.tables import cause_rows, effects_without_row
 from ces_report.typesetting import format_number
 

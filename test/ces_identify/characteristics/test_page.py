@@ -11,10 +11,10 @@ from dyno_recordings import recording_of, sine_motion, triangle_motion
 
 import ces_identify
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import format_page
+from ces_identify.characteristics.page import MAX_ROWS, choose_rows, format_page, peak_table
 from ces_identify.characteristics.rows import TABLES
-from ces_identify.characteristics.tables import MAX_ROWS, choose_rows, peak_table, with_spread
 from ces_identify.simulations.simulation import FunctionSimulation
+from ces_report.typesetting import format_spread
 
 ROOT = Path(__file__).resolve().parents[3]
 UNITS = {"_N": "N", "_J": "J", "_m": "m", "_s": "s", "_A": "A", "_Hz": "Hz", "_W": "W", "_m_s": "m/s", "_Ns_m": "Ns/m"}
@@ -115,7 +115,7 @@ def test_the_page_without_cycles_says_so():
     [(1234.56, 7.891, "1235 ± 8"), (-0.04953, 0.00021, "−0.04953 ± 0.00021"), (3e4, float("nan"), "30000")],
 )
 def test_values_are_rounded_to_their_spread(value, spread, text):
-    assert with_spread(value, spread) == text
+    assert format_spread(value, spread) == text
 
 
 @pytest.fixture(scope="module")

@@ -1,34 +1,56 @@
-"""Levenberg-Marquardt, free and about a centre, on problems whose solutions are known."""
+"""Levenberg-Marquardt, with and without penalties, on problems whose solutions are known."""
 
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 import pytest
 
-from ces_identify.numerics.least_squares import CENTRED, CentredProblem, damped_step, descend, descend_about_centre
+from ces_identify.numerics.least_squares import (
+    CENTRED,
+    FREE,
+    NO_MODEL,
+    NormalEquations,
+    check_error_first,
+    damped_step,
+    descend,
+    evaluate,
+    improve,
+    limit_gains,
+    pull_towards,
+)
 
 
-def valley(params, most):
-    """Rosenbrock's valley as residuals (1 - x, 10 (y - x^2)); its only minimum is (1, 1)."""
-    x, y = params
-    residual = np.array([1.0 - x, 10.0 * (y - x * x)])
-    jacobian = -np.array([[-1.0, 0.0], [-20.0 * x, 10.0]])
-    error = float(residual @ residual)
-    return (error if error <= most else np.inf), jacobian.T @ jacobian, jacobian.T @ residual
+def equations_of(residuals, jacobian):
+    """Normal equations of residuals (measured minus simulated) and their derivatives."""
+
+    def differentiate(params):
+        r, j = residuals(params), jacobian(params)
+        return NormalEquations(float(r @ r), j.T @ j, -j.T @ r)
+
+    return check_error_first(lambda params: float(residuals(params) @ residuals(params)), differentiate)
 
 
-def test_it_finds_the_bottom_of_a_bent_valley_and_never_climbs():
-    steps = list(islice(descend(valley, np.array([-1.2, 1.0])), 60))
-    errors = [error for error, _ in steps]
-    assert errors == sorted(errors, reverse=True)
-    np.testing.assert_allclose(steps[-1][1], [1.0, 1.0], atol=1e-8)
+VALLEY = equations_of(  # Rosenbrock's, whose only minimum is (1, 1)
+    lambda t: np.array([1.0 - t[0], 10.0 * (t[1] - t[0] ** 2)]), lambda t: np.array([[-1.0, 0.0], [-20.0 * t[0], 10.0]])
+)
 
 
-def test_it_ends_where_no_step_helps():
+@pytest.mark.parametrize("damping", [FREE, CENTRED], ids=["free", "short steps"])
+def test_it_follows_a_bent_valley_to_its_bottom_and_never_climbs(damping):
+    points = list(islice(descend(VALLEY, np.array([-1.2, 1.0]), damping=damping), 200))
+    values = [point.value for point in points]
+    assert values == sorted(values, reverse=True)
+    assert np.abs(np.diff([point.params for point in points], axis=0)).max() <= damping.max_move * (1.0 + 1e-12)
+    np.testing.assert_allclose(points[-1].params, [1.0, 1.0], atol=1e-5)
+
+
+def test_it_ends_where_no_step_helps_or_after_some_tries():
     def flat(params, most):
-        return 1.0, np.eye(2), np.zeros(2)
+        return NormalEquations(1.0, np.eye(2), np.zeros(2))
 
     assert 2 < len(list(descend(flat, np.zeros(2)))) < 40
+    assert len(list(descend(flat, np.zeros(2), damping=replace(FREE, tries=3)))) == 1 + 3
 
 
 def test_undamped_step_is_least_squares_whatever_the_scales():
@@ -44,44 +66,27 @@ def test_a_parameter_without_effect_stays():
     assert step == pytest.approx([2.0, 0.0])
 
 
-def problem(residuals, jacobian, size, weights=0.0, centre=0.0):
-    def normal_equations(theta):
-        r, j = residuals(theta), jacobian(theta)
-        return float(r @ r), j.T @ j, j.T @ r
-
-    return CentredProblem(
-        lambda theta: float(residuals(theta) @ residuals(theta)),
-        normal_equations,
-        np.full(size, weights),
-        np.full(size, centre),
-    )
-
-
-def test_a_curved_valley_is_followed_to_its_end_in_short_steps():
-    bent = problem(
-        lambda t: np.array([1.0 - t[0], 10.0 * (t[1] - t[0] ** 2)]),
-        lambda t: np.array([[-1.0, 0.0], [-20.0 * t[0], 10.0]]),
-        2,
-    )
-    start = np.array([-1.2, 1.0])
-    steps = list(descend_about_centre(bent, start))
-    values, path = [value for value, _ in steps], np.array([start, *(theta for _, theta in steps)])
-    assert values == sorted(values, reverse=True)
-    assert np.abs(np.diff(path, axis=0)).max() <= CENTRED.max_move * (1.0 + 1e-12)
-    np.testing.assert_allclose(path[-1], (1.0, 1.0), atol=1e-5)
-
-
-def test_the_penalty_pulls_to_its_centre_as_ridge_regression_does():
+def test_the_pull_leads_to_its_centre_as_ridge_regression_does():
     random = np.random.default_rng(2)
     matrix, right, centre = random.standard_normal((20, 3)), random.standard_normal(20), 0.7
-    ridge = problem(lambda t: matrix @ t - right, lambda t: matrix, 3, weights=5.0, centre=centre)
+    linear = equations_of(lambda t: right - matrix @ t, lambda t: -matrix)
+    *_, last = improve(linear, np.zeros(3), [pull_towards(np.full(3, centre), np.full(3, 5.0))])
     wanted = np.linalg.solve(matrix.T @ matrix + 5.0 * np.eye(3), matrix.T @ right + 5.0 * centre)
-    *_, (value, theta) = descend_about_centre(ridge, np.zeros(3))
-    np.testing.assert_allclose(theta, wanted, atol=1e-6)
-    assert value == pytest.approx(float(((matrix @ wanted - right) ** 2).sum()) + ridge.penalty(wanted))
+    np.testing.assert_allclose(last.params, wanted, atol=1e-6)
+    assert last.data.error == pytest.approx(float(((matrix @ wanted - right) ** 2).sum()))
+    assert last.value == pytest.approx(last.data.error + 5.0 * float(((wanted - centre) ** 2).sum()))
 
 
-def test_a_start_that_is_not_finite_or_diverges_gives_no_step():
-    assert list(descend(lambda params, most: (np.inf, np.eye(1), np.zeros(1)), np.zeros(1))) == []
-    broken = problem(lambda t: np.array([np.nan]), lambda t: np.ones((1, 1)), 1)
-    assert list(descend_about_centre(broken, np.zeros(1))) == []
+def test_a_limit_of_gains_costs_what_is_beyond_it_and_leads_back():
+    penalty = limit_gains(lambda params: (2.0 * params, 2.0 * np.eye(3)), 1.0, 10.0)
+    beyond = penalty(np.array([0.5, 0.7, -9.0]))
+    assert beyond.error == pytest.approx(10.0 * 0.4**2)
+    np.testing.assert_allclose(beyond.matrix, np.diag([0.0, 40.0, 0.0]))
+    np.testing.assert_allclose(beyond.gradient, [0.0, -8.0, 0.0])
+
+
+def test_a_start_that_is_no_model_gives_no_point():
+    broken = equations_of(lambda t: np.array([np.nan]), lambda t: np.ones((1, 1)))
+    for equations in (broken, lambda params, most: NO_MODEL):
+        assert list(descend(equations, np.zeros(1))) == []
+        assert evaluate(equations, [], np.zeros(1)) is None

@@ -59,7 +59,7 @@ def test_gradients_are_those_of_finite_differences(kind, how) -> None:
         assert largest > 0.0, name
         for p in places[:: 1 + len(places) // 9]:
             step = STEP * (np.arange(len(theta)) == p)
-            slope = (models.error(theta + step, weights) - models.error(theta - step, weights)) / (4 * STEP)
+            slope = (models.error(theta - step, weights) - models.error(theta + step, weights)) / (4 * STEP)
             assert gradient[p] == pytest.approx(slope, rel=2e-3, abs=2e-3 * largest + 1e-10), name
 
 

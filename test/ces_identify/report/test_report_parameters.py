@@ -6,7 +6,7 @@ from planted import FUZZY, NETWORK, SAMPLING, planted
 
 from ces_identify.prepare.series import prepare
 from ces_identify.report.page import write_report
-from ces_identify.structures import model_table
+from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import Model
@@ -19,7 +19,7 @@ def plain(markup):
 
 
 def test_a_network_shows_each_regressor_in_newtons():
-    table = model_table(NETWORK, [], VALIDATION)
+    table = model_section(NETWORK, [], VALIDATION).table
     assert [plain(row[0]) for row in table.rows] == ["F(k−1)", "v(k)", "v(k−1)", "i(k−3)"]
     assert [plain(cell) for cell in table.rows[1][1:]] == [
         "0",
@@ -30,7 +30,7 @@ def test_a_network_shows_each_regressor_in_newtons():
 
 
 def test_rules_are_named_by_their_memberships():
-    table = model_table(FUZZY, [], VALIDATION)
+    table = model_section(FUZZY, [], VALIDATION).table
     assert [plain(row[0]) for row in table.rows] == ["v(k) = −0.4 m/s", "v(k) = 0.4 m/s"]
     assert [plain(cell) for cell in table.rows[0][1:]] == ["−200", "400", "50", "25", "−25"]
 

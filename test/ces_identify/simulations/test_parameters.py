@@ -7,7 +7,7 @@ import pytest
 from fmus import algebraic_fmu, changed
 from test_simulation import recording
 
-from ces_gap.baseline.input_timing import InputTiming, RetimedSimulation
+from ces_gap.baseline.wrappers import InputTiming, RetimedSimulation
 from ces_identify.simulations.fmu import open_fmu
 from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import FunctionSimulation, function_simulation

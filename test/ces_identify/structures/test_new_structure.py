@@ -8,7 +8,6 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from markupsafe import Markup
 from planted import RATE_HZ, SAMPLING, WIDE, planted
 
 from ces_cli.identify.program import make_parser, select_identify_function
@@ -29,7 +28,7 @@ from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate
 from ces_observer.records import bounded
 from ces_observer.structures.structure import Structure
-from ces_report.typesetting import parameter_table
+from ces_report.table import parameter_section
 
 
 @dataclass(frozen=True)
@@ -107,9 +106,7 @@ def fit(share):
 
 
 def table(body, model, runs, role):
-    return parameter_table(
-        "A dashpot.", (Markup("Of"), Markup("N s/m")), ((Markup("it"), Markup(str(body.viscosity))),)
-    )
+    return parameter_section("A dashpot.", ("Of", "N s/m"), [("it", str(body.viscosity))])
 
 
 KIT = StructureKit(

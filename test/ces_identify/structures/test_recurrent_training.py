@@ -12,7 +12,7 @@ from ces_identify.numerics.search import Limits
 from ces_identify.prepare.cost import series_cost
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structures import KITS, model_table, run_batch
+from ces_identify.structures import KITS, model_section, run_batch
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.recurrent import Windows, descend, fit_recurrent
 from ces_identify.structures.recurrent_network import (
@@ -122,7 +122,7 @@ def test_the_same_seed_gives_the_same_model(fitted):
 
 
 def test_a_report_lists_the_stages(fitted):
-    table = model_table(fitted.model, (), "validation")
+    table = model_section(fitted.model, (), "validation").table
     assert len(table.rows) == 3
     assert all(len(row) == len(table.columns) for row in table.rows)
 

@@ -93,7 +93,7 @@ def test_metrics_count_only_their_own_kinds_of_case():
     assert {name: (f.value, f.count) for name, f in figures.items()} == {
         "first": (0.5, 2), "false alarms": (1.0, 1), "pairs (both found)": (1.0, 1)
     }  # fmt: skip
-    assert ["effect: inertia", "named 1", "friction 1"] in withheld_table(cases)
+    assert "|effect: inertia|named 1|friction 1|" in withheld_table(cases).to_markdown()
 
 
 def test_without_references_a_wrong_simulation_is_a_cause_of_its_own():
@@ -119,10 +119,11 @@ def test_calibration_beside_the_right_effect_is_not_wrong():
 
 def test_a_target_is_met_or_not_only_if_the_whole_interval_says_so():
     model = replace(RIGHT, mode=Mode("identified", 2))
-    table = str(metric_table("mode", {"run_2": [RIGHT] * 9 + [WRONG], "identified_2": [model]}))
+    table = metric_table("mode", {"run_2": [RIGHT] * 9 + [WRONG], "identified_2": [model]}).to_markdown()
     assert "90.0 % (59.6 % to 98.2 %; 10); ≥ 94.0 % undecided" in table
     assert "; 1); ≥ 80.0 % undecided" in table
-    many = str(metric_table("mode", {"run_2": [RIGHT] * 400, "identified_2": [replace(WRONG, mode=model.mode)] * 40}))
+    groups = {"run_2": [RIGHT] * 400, "identified_2": [replace(WRONG, mode=model.mode)] * 40}
+    many = metric_table("mode", groups).to_markdown()
     assert "100.0 % (99.0 % to 100.0 %; 400); ≥ 94.0 % met" in many
     assert "0.0 % (0.0 % to 8.8 %; 40); ≥ 80.0 % **not met**" in many
 

@@ -1,4 +1,4 @@
-"""The odds of causes: more of a gap, less of an explanation, and what the error of a twin hides."""
+"""The odds of causes: more of a gap, less of an explanation, what a twin's error hides; which gap is none."""
 
 from __future__ import annotations
 
@@ -6,11 +6,16 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from engine_plant import WEIGHTS
+from engine_plant import NOISE_N, SIMULATION, WEIGHTS, traced
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_gap.inference.odds import OddsWeights, Probabilities, VerdictFigures, calibration, probabilities
+from ces_gap.baseline.learner import make_white_noise
+from ces_gap.baseline.plant import DirectSimulator, Plant
+from ces_gap.inference.evidence import gather
+from ces_gap.inference.findings import measure_gap, tolerance_N
+from ces_gap.inference.judgement import OddsWeights, Probabilities, VerdictFigures, calibration, probabilities
+from ces_gap.inference.search import EffectSearchResult
 
 CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 0)
 
@@ -90,3 +95,19 @@ def test_a_gap_far_above_the_known_noise_is_a_gap_even_without_explanation() -> 
     figures = VerdictFigures(15.0, 0.0, -1.6, 1.0, 0.0, 0)
     odds = probabilities(figures, {"friction": 1.0}, (), WEIGHTS)
     assert odds.unknown > 0.5 > odds.none
+
+
+def test_the_default_tolerance_is_small_beside_force_and_noise() -> None:
+    assert tolerance_N(8.0, 300.0, None) == pytest.approx(3.0)
+    assert tolerance_N(8.0, 5000.0, None) == pytest.approx(16.0)
+    assert tolerance_N(8.0, 5000.0, 0.02) == pytest.approx(100.0)
+
+
+def test_noise_that_no_source_limits_is_a_guess_and_never_what_a_learner_leaves() -> None:
+    trace = replace(traced(), noise_N=0.25 * NOISE_N)
+    traces = [trace, replace(trace, measured_noise=replace(trace.measured_noise, known=False))]
+    evidence = gather(traces, Plant(DirectSimulator(SIMULATION)), make_white_noise(NOISE_N))
+    residual = evidence.residual(evidence.alone)
+    size = measure_gap(EffectSearchResult(residual, (), None, 1.0, evidence))
+    assert size.noise_N == pytest.approx(0.25 * NOISE_N, rel=0.01) and not size.noise_known
+    assert size.gap_N == size.timed_N == pytest.approx(NOISE_N, rel=0.1)

@@ -8,8 +8,8 @@ import numpy as np
 
 from bench.gaps.users_dampers import record
 from ces_data.arrays import F
-from ces_gap.calibrate import remembered
-from ces_gap.calibrate.remembered import RememberedSimulation
+from ces_gap.baseline import wrappers
+from ces_gap.baseline.wrappers import RememberedSimulation
 from ces_identify.simulations.simulation import FunctionSimulation
 
 RECORDING = record("knee", {}, 1, seconds=1.0)
@@ -49,7 +49,7 @@ def test_other_inputs_and_constants_are_told_apart() -> None:
 
 
 def test_the_oldest_are_forgotten(monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr(remembered, "MAX_FORCES", 2)
+    monkeypatch.setattr(wrappers, "MAX_FORCES", 2)
     simulation, calls = counted()
     for gas in (1.0, 2.0, 3.0, 3.0, 1.0):
         simulation.with_values({"gas_N_m": gas}).force(RECORDING)

@@ -1,6 +1,9 @@
-"""Where a gap lies: planted gaps are found in their regions, noise in none, intervals hold; statistics and maps."""
+"""Where a gap lies: axes and bands; planted gaps are found in their regions, noise in none, intervals hold."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,13 +12,111 @@ from scipy.stats import gamma, norm
 
 from ces_gap.diagnosis import GapRegion, Where
 from ces_gap.errors import GapError
-from ces_gap.regions.axes import CURRENT, FREQUENCY, OPERATING, REVERSAL, SPEED, STROKE, axis_values
+from ces_gap.regions.axes import (
+    CURRENT,
+    DIRECTION,
+    ELAPSED,
+    FREQUENCY,
+    HEAT,
+    OPERATING,
+    REVERSAL,
+    SPEED,
+    STROKE,
+    axis_edges,
+    axis_values,
+    region_indices,
+)
+from ces_gap.regions.energy import gap_energy, octaves
 from ces_gap.regions.locate import (
     locate,
     normal_scores,
     rms_within_regions,
 )
-from ces_gap.trace import Trace, usable_inputs
+from ces_gap.trace import Trace, TraceInputs, usable_inputs
+
+T = np.arange(5000) / 500.0
+
+
+def sine(frequency_Hz: float = 2.0) -> Trace:
+    return trace_of(T, 0.02 * np.sin(2 * np.pi * frequency_Hz * T), np.full_like(T, 0.8))
+
+
+def test_time_since_reversal_is_a_saw_tooth_of_half_periods():
+    trace = sine()
+    since = axis_values(trace)[REVERSAL]
+    expected = np.mod(trace.time_s - 0.125, 0.25)
+    assert np.median(np.abs(since - expected)[trace.usable]) <= trace.step_s
+    assert since[trace.usable].max() <= 0.25 + trace.step_s
+
+
+def test_direction_is_that_of_the_speed_and_positive_in_compression():
+    trace = sine()
+    direction = axis_values(trace)[DIRECTION]
+    moving = trace.usable & (np.abs(trace.inputs.speed) > 0.02)
+    assert (direction == np.sign(trace.inputs.speed))[moving].all()
+
+
+def test_noise_near_standstill_is_no_reversal():
+    rng = np.random.default_rng(0)
+    trace = sine(0.5)
+    speed = trace.inputs.speed + 0.0003 * rng.normal(size=len(trace))
+    shaken = replace(trace, inputs=TraceInputs(trace.inputs.position, speed, trace.inputs.current))
+    turns = np.diff(axis_values(shaken)[DIRECTION])[trace.usable[1:]] != 0.0
+    crossings = np.diff(np.sign(speed))[trace.usable[1:]] != 0.0
+    assert turns.sum() == 10
+    assert crossings.sum() > 10
+
+
+def test_a_damper_at_rest_has_no_reversal():
+    trace = sine()
+    still = replace(trace, inputs=TraceInputs(trace.inputs.position, np.zeros(len(trace)), trace.inputs.current))
+    assert axis_values(still)[REVERSAL] == pytest.approx(trace.time_s)
+
+
+def test_heat_is_the_work_of_the_force():
+    trace = sine()
+    heat = axis_values(trace)[HEAT]
+    amplitude = 2 * np.pi * 2.0 * 0.02
+    assert heat[-1] == pytest.approx(0.5 * 1500.0 * 1.8 * amplitude**2 * 10.0, rel=0.02)
+    assert (np.diff(heat) >= 0.0).all()
+
+
+@pytest.mark.parametrize("axis", [STROKE, SPEED, REVERSAL, ELAPSED, HEAT])
+def test_edges_hold_all_values_in_a_handful_of_regions_none_empty(axis):
+    values = np.concatenate([axis_values(t)[axis][t.usable] for t in (drive(1), drive(2))])
+    edges = axis_edges(axis, values)
+    assert edges[0] <= values.min() and values.max() <= edges[-1]
+    assert 4 <= len(edges) - 1 <= 13
+    assert np.bincount(region_indices(edges, values)).min() >= 0.003 * len(values)
+
+
+def test_every_level_of_a_stepped_current_is_a_region():
+    values = np.random.default_rng(0).choice([0.0, 0.4, 0.8, 1.6], 5000)
+    assert axis_edges(CURRENT, values) == pytest.approx([0.0, 0.2, 0.6, 1.2, 1.6])
+
+
+def test_octaves_are_no_narrower_than_a_short_recording_resolves():
+    assert octaves([np.zeros(10_000)], [500.0])[:3] == pytest.approx([0.0, 0.5, 1.0])
+    assert octaves([np.zeros(500)], [500.0])[:3] == pytest.approx([0.0, 4.0, 8.0])
+    assert octaves([np.zeros(1000)], [100.0])[-2:] == pytest.approx([32.0, 50.0])
+
+
+@pytest.mark.slow
+def test_energy_of_noise_is_nothing_on_average_in_every_band():
+    traces = [drive(1), drive(2)]
+    gaps = [[ar_noise(len(t), 8.0, 0.6, np.random.default_rng(k)) for t in traces] for k in range(4)]
+    means = np.mean([gap_energy(traces, g, ar(8.0, 0.6)).band.mean(axis=0) for g in gaps], axis=0)
+    assert np.abs(means).max() < 0.02 * 8.0**2
+
+
+def test_bands_sum_to_the_energy_of_the_ticks():
+    traces = [drive(1), drive(2)]
+    gap = [90.0 * t.inputs.speed + ar_noise(len(t), 8.0, 0.6, np.random.default_rng(k)) for k, t in enumerate(traces)]
+    energy = gap_energy(traces, gap, ar(8.0, 0.6))
+    assert energy.band.sum() == pytest.approx(energy.tick.sum())
+    true = np.mean(np.concatenate([(90.0 * t.inputs.speed[t.usable]) ** 2 for t in traces]))
+    assert energy.tick.mean() == pytest.approx(true, rel=0.06)
+
 
 NOISE_N = 8.0
 NOISE, SILENCE = ar(NOISE_N, 0.6), ar(1e-6, 0.0)
