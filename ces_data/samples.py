@@ -108,10 +108,10 @@ def find_jumps(values: F, least: float) -> I:
 def _find_bursts(values: F, least: float, longest: float) -> Mask:
     """Return which samples (n,) lie between a jump and another that leads back, at most `longest` samples later."""
     jumps, inside = find_jumps(values, least), np.zeros(len(values), bool)
-    for k, first in enumerate(jumps):
-        back = [j for j in jumps[k + 1 :][: LossLimits.MAX_SPIKE] if abs(values[j + 1] - values[first]) < least]
-        if not inside[first] and back and back[0] - first <= longest:
-            inside[first + 1 : back[0] + 1] = True
+    for k, begin in enumerate(jumps):
+        back = [j for j in jumps[k + 1 :][: LossLimits.MAX_SPIKE] if abs(values[j + 1] - values[begin]) < least]
+        if not inside[begin] and back and back[0] - begin <= longest:
+            inside[begin + 1 : back[0] + 1] = True
     return inside
 
 
@@ -148,7 +148,7 @@ def mask_lost(recording: Recording, name: str, dropouts: bool = True) -> Channel
     channel = recording.channels[name]
     other = recording.channels.get("force" if name == "position" else "position")
     moving = None if other is None else other.finite()
-    for find in (find_spikes, lambda one: find_dropouts(one, moving))[: 1 + dropouts]:
+    for find in (find_spikes, lambda logged: find_dropouts(logged, moving))[: 1 + dropouts]:
         if (lost := find(channel)).any():
             channel = replace(channel, values=np.where(lost, np.nan, channel.values))
     return channel
@@ -236,8 +236,8 @@ def speed_current_samples(recording: Recording) -> tuple[F, F, F]:
         order = np.argsort(channel.stamps_ns, kind="stable")
         last = np.searchsorted(channel.stamps_ns[order], times, side="right") - 1
         current = np.append(channel.values[order], np.nan)[last]  # NaN before the first
-    known = np.isfinite(current) & np.isfinite(speed)
-    return speed[known], current[known], np.full(int(known.sum()), interval / SECOND)
+    is_known = np.isfinite(current) & np.isfinite(speed)
+    return speed[is_known], current[is_known], np.full(int(is_known.sum()), interval / SECOND)
 
 
 def _estimate_speed(position: Channel) -> tuple[I, F, int]:
@@ -301,8 +301,8 @@ def align_speed(block: Recording) -> Recording:
     speed, position = block.channels.get("speed"), block.channels["position"]
     if speed is None or np.array_equal(speed.stamps_ns, position.stamps_ns):
         return block
-    known = speed.in_order()
-    outside = (position.stamps_ns < known.stamps_ns[0]) | (position.stamps_ns > known.stamps_ns[-1])
-    values = np.where(outside, np.nan, np.interp(position.stamps_ns, known.stamps_ns, known.values))
+    logged = speed.in_order()
+    outside = (position.stamps_ns < logged.stamps_ns[0]) | (position.stamps_ns > logged.stamps_ns[-1])
+    values = np.where(outside, np.nan, np.interp(position.stamps_ns, logged.stamps_ns, logged.values))
     moved = replace(speed, stamps_ns=position.stamps_ns, values=values)
     return replace(block, channels={**block.channels, "speed": moved})

@@ -15,7 +15,7 @@ from itertools import chain, islice
 from math import exp
 
 from ces_observer.fields import Field
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.limits import NumberLimits
 from ces_observer.records import bounded, declare
 from ces_observer.shapes import ByName
@@ -71,7 +71,7 @@ class Band:
     max_distance: float = bounded(0.0, NumberLimits.MAX_INPUT)
     constant_share: float = bounded(0.0, 1.0)
 
-    def fill(self, layout: Layout, rate_Hz: float) -> None:
+    def fill(self, layout: ArrayLayout, rate_Hz: float) -> None:
         """Write its numbers into the layout of a model, for `ces_observer.tick.band`."""
         low, high = self.current_A
         layout.n[HAS_BAND] = 1

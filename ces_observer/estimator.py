@@ -26,7 +26,7 @@ from ces_observer.bank_design import (
     spans_of,
 )
 from ces_observer.core import bind, floats, ints
-from ces_observer.flat import Arrays, Layout
+from ces_observer.flat import ArrayLayout, Arrays
 from ces_observer.limits import SpeedLimits
 from ces_observer.model import Model, Sampling
 from ces_observer.reasons import REASONS
@@ -40,14 +40,14 @@ from ces_observer.tick.tracker import P_ESTIMATOR, TRACK_POSITION, TRACK_SPEED
 SWITCH_S = 0.2  # [s] mean time for which one mode is the right one
 
 
-def layout_of(sampling: Sampling) -> Layout:
+def layout_of(sampling: Sampling) -> ArrayLayout:
     """Return a new layout of tracker and bank alone."""
-    layout = Layout(tracker.P_ESTIMATOR, tracker.N_ESTIMATOR, tracker.S_ESTIMATOR, tracker.K_ESTIMATOR)
+    layout = ArrayLayout(tracker.P_ESTIMATOR, tracker.N_ESTIMATOR, tracker.S_ESTIMATOR, tracker.K_ESTIMATOR)
     fill_tracker(layout, sampling)
     return layout
 
 
-def fill_tracker(layout: Layout, sampling: Sampling) -> None:
+def fill_tracker(layout: ArrayLayout, sampling: Sampling) -> None:
     """Write the numbers of tracker and bank into a layout, and reserve their state."""
     fill_bank(layout, sampling.stroke, sampling.delay_ticks)
     settling_s = SpeedLimits.SETTLING * response_s(sampling.stroke)
@@ -71,7 +71,7 @@ def fill_tracker(layout: Layout, sampling: Sampling) -> None:
     layout.n[tracker.LATE_KNOWN] = layout.memory(room)
 
 
-def fill_bank(layout: Layout, stroke: BankSettings, delay: int) -> None:
+def fill_bank(layout: ArrayLayout, stroke: BankSettings, delay: int) -> None:
     """Write the numbers of a bank that looks back over `delay` ticks into a layout, and reserve its state."""
     modes, spans = design_bank(stroke, delay), spans_of(stroke)
     tick_s = 1.0 / stroke.rate_Hz
@@ -146,7 +146,7 @@ class EstimatorArrays(NamedTuple):
 def lay_out_estimator(model: Model) -> EstimatorArrays:
     """Return the arrays of a model's estimator; raises ModelError for numbers that cannot be used."""
     length = model.sampling.delay_ticks + 1
-    layout = Layout(P_ESTIMATOR, tick.N_ESTIMATOR_END, tick.S_ESTIMATOR_END, tick.K_ESTIMATOR_END)
+    layout = ArrayLayout(P_ESTIMATOR, tick.N_ESTIMATOR_END, tick.S_ESTIMATOR_END, tick.K_ESTIMATOR_END)
     fill_tracker(layout, model.sampling)
     layout.n[tick.RING_VALUES] = layout.state(tick.RING_WIDTH * length)
     layout.n[tick.RING_STAMPS] = layout.memory(tick.RING_WIDTH * length)

@@ -18,7 +18,7 @@ from ces_observer.band import Band
 from ces_observer.bank_design import ACCELERATION, SPEED, BankSettings
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED, Field
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.json_text import parse_json, read_bounded, write_atomically
 from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.certificate import Certificate
@@ -154,7 +154,7 @@ class Model:
         """Return a new free run."""
         return self.body.make_predictor(self.operating_range)
 
-    def lay_out(self) -> Layout:
+    def lay_out(self) -> ArrayLayout:
         """Return the layout of a run of it: structure, warm-up and band; raises ModelError."""
         layout = self.body.lay_out(self.operating_range)
         layout.n[WARM_UP] = round(self.warm_up_s * self.sampling.rate_Hz)

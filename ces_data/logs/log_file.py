@@ -127,17 +127,17 @@ def align_blocks(parts: Sequence[Iterator[LogSeries]]) -> Iterator[list[LogSerie
     unread = set(range(len(parts)))
     while unread:
         ends = {i: int(waiting[i].stamps_ns[-1]) if len(waiting[i].stamps_ns) else -1 for i in unread}
-        first = min(ends, key=lambda i: ends[i])
-        more = next(parts[first], None)
+        earliest = min(ends, key=lambda i: ends[i])
+        more = next(parts[earliest], None)
         if more is None:
-            unread.remove(first)
+            unread.remove(earliest)
             continue
-        cuts = [int(np.searchsorted(one.stamps_ns, ends[first], side="right")) for one in waiting]
-        cuts[first] = len(waiting[first].stamps_ns)
+        cuts = [int(np.searchsorted(series.stamps_ns, ends[earliest], side="right")) for series in waiting]
+        cuts[earliest] = len(waiting[earliest].stamps_ns)
         if any(cuts):
-            yield [_slice(one, slice(cut)) for one, cut in zip(waiting, cuts, strict=True)]
-        waiting = [_slice(one, slice(cut, None)) for one, cut in zip(waiting, cuts, strict=True)]
-        waiting[first] = more
+            yield [_slice(series, slice(cut)) for series, cut in zip(waiting, cuts, strict=True)]
+        waiting = [_slice(series, slice(cut, None)) for series, cut in zip(waiting, cuts, strict=True)]
+        waiting[earliest] = more
     yield waiting
 
 

@@ -120,13 +120,13 @@ def _of_table(table: LogTable, mapping: DynoMapping, rate: float, clock: TableCl
     return Recording(table.path.stem, channels, source=str(table.path))
 
 
-def _of_series(log: TimedLog, mapping: DynoMapping, found: Mapping[str, LogSeries]) -> Recording:
+def _of_series(log: TimedLog, mapping: DynoMapping, series_by_name: Mapping[str, LogSeries]) -> Recording:
     """Return the channels with their own stamps; a constant has those of the position, or of the first channel."""
-    stamps = found.get("position", next(iter(found.values()))).stamps_ns
+    stamps = series_by_name.get("position", next(iter(series_by_name.values()))).stamps_ns
     channels = {}
     for name, source in mapping.signals.items():
         if isinstance(source, LogColumn):
-            series = found[name]
+            series = series_by_name[name]
             where = f"{log.path}: '{series.label}'"
             scale, offset = find_factors(name, source, series.unit, where, mapping.source)
             channel, _ = sort_late_samples(Channel(name, UNITS[name], series.stamps_ns, scale * series.values + offset))
@@ -145,13 +145,13 @@ def find_factors(signal: str, column: LogColumn, unit: str, where: str, source: 
         unit = named.text
     if column.scaled or not unit.strip():
         return column.scale, column.offset
-    known = find_unit(unit)
-    if known is None or known.quantity not in QUANTITIES[signal]:
+    stated = find_unit(unit)
+    if stated is None or stated.quantity not in QUANTITIES[signal]:
         raise MappingError(
             f"{where} is in '{unit}', which is not a unit of a {signal} [{UNITS[signal]}]; give {signal} a unit or "
             f"scale in {source}"
         )
-    return known.scale, known.offset
+    return stated.scale, stated.offset
 
 
 def _constant(source: FixedValue | FileNameValue, path: Path, mapping: DynoMapping) -> float:
@@ -173,8 +173,8 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
     clock = clock or TableClock()
     stamps = table.stamps(column)
     if stamps is None:
-        known = None if column.scaled else find_unit(table.unit(column.key))  # the unit that the file states
-        scale = known.scale if known is not None and known.quantity == "time" else column.scale
+        stated = None if column.scaled else find_unit(table.unit(column.key))  # the unit that the file states
+        scale = stated.scale if stated is not None and stated.quantity == "time" else column.scale
         seconds = scale * table.column(column.key) + column.offset
         _require_finite(seconds, table)
         stamps = np.rint(seconds / scale if scale == 1e-9 else seconds * 1e9).astype(np.int64)

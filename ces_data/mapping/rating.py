@@ -170,8 +170,8 @@ def read_meaning(names: Sequence[str]) -> NameMeaning:
 
 def find_word(names: Sequence[str], words: frozenset[str], ends: tuple[str, ...] = ()) -> str:
     """Return the first word of the names that is one of `words` or begins or ends with one of `ends`, else ''."""
-    found = (w for w in join_words(names) if w in words or (ends and (w.startswith(ends) or w.endswith(ends))))
-    return next(found, "")
+    matches = (w for w in join_words(names) if w in words or (ends and (w.startswith(ends) or w.endswith(ends))))
+    return next(matches, "")
 
 
 def find_side(names: Sequence[str], others: Sequence[str]) -> str:
@@ -182,10 +182,10 @@ def find_side(names: Sequence[str], others: Sequence[str]) -> str:
     mine, theirs = join_words(names), join_words(others)
     if len(mine) != len(theirs):
         return ""
-    different = [(one, other) for one, other in zip(mine, theirs, strict=True) if one != other]
+    different = [(word_here, other) for word_here, other in zip(mine, theirs, strict=True) if word_here != other]
     if not all(word in SIDES or word.isdigit() for pair in different for word in pair):
         return ""
-    return "_".join(dict.fromkeys(one for one, _ in different))
+    return "_".join(dict.fromkeys(word_here for word_here, _ in different))
 
 
 def name_sides(group: Sequence[Sequence[str]]) -> tuple[str, ...]:
@@ -343,10 +343,10 @@ class MotionTable:
         values = self._averages(other, width)
         return _correlate(speed, values)
 
-    def correlate_values(self, one: Candidate, other: Candidate) -> tuple[float, float]:
+    def correlate_values(self, candidate: Candidate, other: Candidate) -> tuple[float, float]:
         """Return the correlation (-1 to 1) of `other` with `one`, and its gain; NaN if unknown."""
-        width = max(self._width(one), self._width(other))
-        return _correlate(self._averages(one, width), self._averages(other, width))
+        width = max(self._width(candidate), self._width(other))
+        return _correlate(self._averages(candidate, width), self._averages(other, width))
 
     def is_derivative(self, stroke: Candidate, other: Candidate) -> bool:
         """Return whether `other` is the speed of `stroke`, up to sign and unit."""
@@ -357,9 +357,9 @@ class MotionTable:
             return other.unit.quantity == "speed"
         return any(abs(abs(gain) / ratio - 1.0) < RatingLimits.UNIT_TOLERANCE for ratio in UNIT_RATIOS)
 
-    def is_same(self, one: Candidate, other: Candidate) -> bool:
+    def is_same(self, candidate: Candidate, other: Candidate) -> bool:
         """Return whether two candidates hold the same motion, such as a command and the position that follows it."""
-        return bool(abs(self.correlate_values(one, other)[0]) > RatingLimits.SAME_MOTION)
+        return bool(abs(self.correlate_values(candidate, other)[0]) > RatingLimits.SAME_MOTION)
 
     def _width(self, candidate: Candidate) -> float:
         """Return the width of the bins [s] for a candidate: 5 ms times a power of two, at least two samples."""
@@ -378,12 +378,12 @@ class MotionTable:
         return self._bins[key]
 
 
-def _correlate(one: Values, other: Values) -> tuple[float, float]:
+def _correlate(values: Values, other: Values) -> tuple[float, float]:
     """Return correlation and gain of `other` over `one`, both (n,), where both are known; NaN if that cannot be."""
-    both = np.isfinite(one) & np.isfinite(other)
+    both = np.isfinite(values) & np.isfinite(other)
     if both.sum() < RatingLimits.MIN_BINS:
         return np.nan, np.nan
-    a, b = one[both] - one[both].mean(), other[both] - other[both].mean()
+    a, b = values[both] - values[both].mean(), other[both] - other[both].mean()
     power, size = float(a @ a), float(b @ b)
     if power == 0.0 or size == 0.0:
         return np.nan, np.nan

@@ -21,7 +21,7 @@ OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 
 def find_unknown(
-    names: Iterable[str], known: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
+    names: Iterable[str], known_names: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
 ) -> list[str]:
     """Return the `names` that are neither `known`, nor ROS's own, nor in one of the `groups` (`GROUP.…`).
 
@@ -29,9 +29,9 @@ def find_unknown(
     """
     unknown = []
     for name in names:
-        first, _, rest = name.partition(".")
-        plain = rest if first in owners else name
-        if plain not in known and plain.partition(".")[0] not in {*groups, *OF_ROS}:
+        owner, _, own_name = name.partition(".")
+        plain = own_name if owner in owners else name
+        if plain not in known_names and plain.partition(".")[0] not in {*groups, *OF_ROS}:
             unknown.append(name)
     return unknown
 
@@ -65,7 +65,7 @@ def signal_options(signal: str, defaults: Mapping[str, Any]) -> tuple[Option, ..
         )
         for key in keys
     ]
-    return tuple(Option(**vars(one) | {"meaning": f"{signal}: {one.meaning}"}) for one in named)
+    return tuple(Option(**vars(declared) | {"meaning": f"{signal}: {declared.meaning}"}) for declared in named)
 
 
 # fmt: off

@@ -28,20 +28,20 @@ def down(value: float) -> float:
     return nextafter(value, -inf)
 
 
-def product(one: Interval, two: Interval) -> Interval:
+def product(left: Interval, right: Interval) -> Interval:
     """Return an interval that holds every product of a number of `one` and a number of `two`."""
-    a, b, c, d = one[0] * two[0], one[0] * two[1], one[1] * two[0], one[1] * two[1]
+    a, b, c, d = left[0] * right[0], left[0] * right[1], left[1] * right[0], left[1] * right[1]
     return down(min(a, b, c, d)), up(max(a, b, c, d))
 
 
-def add(one: Interval, two: Interval) -> Interval:
+def add(left: Interval, right: Interval) -> Interval:
     """Return an interval that holds every sum of a number of `one` and a number of `two`."""
-    return down(one[0] + two[0]), up(one[1] + two[1])
+    return down(left[0] + right[0]), up(left[1] + right[1])
 
 
-def largest(one: Interval) -> float:
+def largest(interval: Interval) -> float:
     """Return the largest magnitude in an interval."""
-    return max(abs(one[0]), abs(one[1]))
+    return max(abs(interval[0]), abs(interval[1]))
 
 
 Box = tuple[Interval, ...]  # a range of each variable
@@ -187,9 +187,9 @@ def _centred_form(
         slope = steep[differentiated]
         if slope is None:
             return -inf, inf
-        one = _multiply(product((coefficient, coefficient), slope), others, powers)
+        part = _multiply(product((coefficient, coefficient), slope), others, powers)
         sum_low, sum_high = by_variable.get(variable, (0.0, 0.0))
-        by_variable[variable] = down(sum_low + one[0]), up(sum_high + one[1])
+        by_variable[variable] = down(sum_low + part[0]), up(sum_high + part[1])
     for variable, slope in by_variable.items():
         moved = product(slope, away[variable])
         low, high = down(low + moved[0]), up(high + moved[1])

@@ -17,7 +17,7 @@ from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED, Field
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.intervals import Interval, down, up
 from ces_observer.records import bounded, choice, declare, in_files, part
@@ -224,20 +224,20 @@ def make_memberships(
 
 
 def lay_out_constructed(
-    layout: Layout, constructed: Sequence[ConstructedInput], rate_Hz: float, position: int
+    layout: ArrayLayout, constructed: Sequence[ConstructedInput], rate_Hz: float, position: int
 ) -> tuple[int, dict[str, int]]:
     """Write the table of constructed inputs, each after those from which it is computed, for `constructed_update`.
 
     Position, speed and current stand at s[position] and behind it, where the state of the layout ends. Returns the
     place of the table in n, and the place in s of every signal.
     """
-    places = {name: position + i for i, name in enumerate((*BASE, *(one.name for one in constructed)))}
+    places = {name: position + i for i, name in enumerate((*BASE, *(made.name for made in constructed)))}
     layout.state(len(constructed) * (1 + tick.CONSTRUCTED_STATES))
     rows = list[int]()
-    for one in constructed:
-        numbers = one.numbers(rate_Hz)
+    for made in constructed:
+        numbers = made.numbers(rate_Hz)
         padding = (0.0,) * (tick.CONSTRUCTED_NUMBERS - len(numbers))
-        rows += [list(KINDS).index(one.kind), places[one.signals[0]], layout.table((*numbers, *padding))]
+        rows += [list(KINDS).index(made.kind), places[made.signals[0]], layout.table((*numbers, *padding))]
     return layout.indices(rows), places
 
 
@@ -252,14 +252,14 @@ KINDS = {  # in the order of their numbers in the tick
 
 def with_bases(definitions: Iterable[ConstructedInput]) -> dict[str, ConstructedInput]:
     """Return definitions by name, memberships with those before them that they are of; raises ModelError."""
-    known: dict[str, ConstructedInput] = {}
-    for i, one in enumerate(definitions):
-        if one.name in known:
-            raise ModelError(f"constructed[{i}]: name '{one.name}' occurs twice; expected a name for each input")
-        known[one.name] = one
-        if isinstance(one, TriangularMembership) and one.of not in BASE:
-            smooth = {name: base for name, base in known.items() if not isinstance(base, TriangularMembership)}
-            if one.of not in smooth:
-                raise ModelError(f"constructed[{i}]: of is {one.of!r}; expected one of {', '.join((*BASE, *smooth))}")
-            known[one.name] = replace(one, base=smooth[one.of])
-    return known
+    by_name: dict[str, ConstructedInput] = {}
+    for i, made in enumerate(definitions):
+        if made.name in by_name:
+            raise ModelError(f"constructed[{i}]: name '{made.name}' occurs twice; expected a name for each input")
+        by_name[made.name] = made
+        if isinstance(made, TriangularMembership) and made.of not in BASE:
+            smooth = {name: base for name, base in by_name.items() if not isinstance(base, TriangularMembership)}
+            if made.of not in smooth:
+                raise ModelError(f"constructed[{i}]: of is {made.of!r}; expected one of {', '.join((*BASE, *smooth))}")
+            by_name[made.name] = replace(made, base=smooth[made.of])
+    return by_name

@@ -12,7 +12,7 @@ from itertools import chain
 from typing import Self
 
 from ces_observer.errors import ModelError
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
@@ -73,7 +73,7 @@ class Experts(Structure):
                 require_length(f"experts[{i}]: {name}", getattr(expert, name), len(self.inputs) + 1)
         return self
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the experts into a layout, for `ces_observer.tick.experts`."""
         layout.reserve(tick.P_EXPERTS, tick.N_EXPERTS, S_STRUCTURE, K_LAGGED)
         lagged.fill_lagged(layout, (*self.inputs, self.past_force))

@@ -19,7 +19,7 @@ from typing import Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
@@ -107,7 +107,7 @@ class Fuzzy(Structure):
             text = "no rule applies in a part of the input envelope; expected wider memberships"
             raise ModelError(f"{self.section}: rules: {text}")
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the rules into a layout, for `ces_observer.tick.fuzzy`; the bells of all premises are in one row."""
         layout.reserve(tick.P_FUZZY, tick.N_FUZZY, tick.S_FUZZY, K_LAGGED)
         premises = [lagged.Regressor(p.signal, p.lag, 0.0, 1.0) for p in self.premises]

@@ -26,7 +26,7 @@ from typing import Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.certificate import ENERGY_CLAIM, EnergyCertificate
 from ces_observer.records import bounded, choice, part
@@ -119,7 +119,7 @@ class Hydraulic(Structure):
         curves = " and ".join(f"{count} curves of the {edge} valve" for edge, count in counts.items() if count > 1)
         return f"{self.kind}, {curves or 'no valve that the current moves'}{', bypass' if self.bypass else ''}"
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write its numbers into a layout."""
         rate = within.rate_Hz
         layout.reserve(tick.P_HYDRAULIC_END, tick.N_HYDRAULIC_END, tick.S_HYDRAULIC_END, tick.K_HYDRAULIC_END)
@@ -132,7 +132,7 @@ class Hydraulic(Structure):
         self._fill_edges(layout, rate)
         self._fill_chambers(layout, rate)
 
-    def _fill_chambers(self, layout: Layout, rate_Hz: float) -> None:
+    def _fill_chambers(self, layout: ArrayLayout, rate_Hz: float) -> None:
         layout.p[pressures.RATIO] = 1.0 + self.area_ratio
         layout.p[pressures.COMPLIANCE_C] = rate_Hz * self.compression_m_N
         layout.p[pressures.COMPLIANCE_R] = rate_Hz * self.rebound_m_N
@@ -156,7 +156,7 @@ class Hydraulic(Structure):
             layout.n[pressures.BYPASS_POSITIONS] = layout.table(self.bypass.position_m)
             layout.n[pressures.BYPASS_LOGARITHMS] = layout.table(self.bypass.logarithms)
 
-    def _fill_edges(self, layout: Layout, rate_Hz: float) -> None:
+    def _fill_edges(self, layout: ArrayLayout, rate_Hz: float) -> None:
         lags = (self.piston_s, self.base_s, self.external_s)
         for n, (flow, lag) in enumerate(zip((self.piston, self.base, self.external), lags, strict=True)):
             layout.p[edges.EDGE_SHARE + n] = 1.0 / (1.0 + rate_Hz * lag)
@@ -165,7 +165,7 @@ class Hydraulic(Structure):
             layout.n[edges.EDGE_FLOWS + n] = layout.table(flow.at)
             layout.n[edges.EDGE_DROPS + n] = layout.table(chain(*flow.rows))
 
-    def _fill_mount(self, layout: Layout, rate_Hz: float) -> None:
+    def _fill_mount(self, layout: ArrayLayout, rate_Hz: float) -> None:
         springs = self.side.friction
         steps = [spring.stiffness_N_m * (1.0 / rate_Hz) for spring in springs]
         yields, moved = ([getattr(spring, name) for spring in springs] for name in ("yield_N", "moved_N"))

@@ -8,7 +8,7 @@ from typing import Any, Protocol, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.intervals import Interval, add, down, product, up
 from ces_observer.records import bounded, choice
@@ -81,7 +81,7 @@ def longest_lags(signals: Iterable[Lagged]) -> tuple[int, int]:
     return past, inputs
 
 
-def fill_lagged(layout: Layout, regressors: Sequence[Regressor]) -> None:
+def fill_lagged(layout: ArrayLayout, regressors: Sequence[Regressor]) -> None:
     """Write regressors and the rings of past ticks that they need into a layout, for `ces_observer.tick.lagged`."""
     depth = 1 + max(r.lag for r in regressors)
     rings = layout.state(len(RINGS) * depth)

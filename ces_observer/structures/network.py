@@ -13,7 +13,7 @@ from itertools import chain
 from math import exp
 from typing import Self
 
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import Interval, add, largest, product, up
@@ -70,7 +70,7 @@ class Network(Structure):
             require_length(where, numbers, len(self.regressors))
         return self
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.sigmoid`."""
         layout.reserve(tick.P_SIGMOID, tick.N_SIGMOID, S_STRUCTURE, K_LAGGED)
         lagged.fill_lagged(layout, self.regressors)

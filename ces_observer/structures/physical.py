@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Self
 
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.intervals import up
 from ces_observer.records import bounded, items, part
@@ -56,7 +56,7 @@ class ValvePath:
         """Return the setting at a constant current [A], in the middle of the magnetic loop."""
         return min(max(interpolate(self.characteristic.at, self.characteristic.values, current_A), 0.0), 1.0)
 
-    def fill(self, layout: Layout, interval_s: float) -> None:
+    def fill(self, layout: ArrayLayout, interval_s: float) -> None:
         """Write its numbers for `ces_observer.tick.valve`, at ticks of `interval_s`."""
         whole = int(self.delay_ticks)
         layout.p[valve.VALVE_PART] = self.delay_ticks - whole
@@ -117,7 +117,7 @@ class SideForces:
         """Bound on the force of all friction elements [N]."""
         return sum(one.yield_N + one.moved_N for one in self.friction) * (1.0 + 1e-12)
 
-    def fill(self, layout: Layout, interval_s: float) -> None:
+    def fill(self, layout: ArrayLayout, interval_s: float) -> None:
         """Write its numbers for `ces_observer.tick.hydraulic`, without friction, at ticks of `interval_s`."""
         layout.p[tick.DRIVE_LEAD] = self.lead_s
         layout.p[tick.MAX_ACCELERATION] = self.max_acceleration_m_s2

@@ -24,7 +24,7 @@ from typing import ClassVar, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits, NumberLimits, ProofLimits
 from ces_observer.proof.certificate import Certificate
 from ces_observer.records import bounded, choice, items
@@ -48,8 +48,8 @@ METHOD = "poles within the unit circle, |tanh| <= 1, inputs clamped to the envel
 Row = tuple[float, ...]
 
 
-def _dot(one: Sequence[float], two: Sequence[float]) -> float:
-    return float(sum(map(mul, one, two)))
+def _dot(left: Sequence[float], right: Sequence[float]) -> float:
+    return float(sum(map(mul, left, right)))
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Stage:
         angles = [2.0 * pi * frequency / rate_Hz for frequency in self.frequency_Hz]
         return [complex(r * math.cos(a), r * math.sin(a)) for r, a in zip(sizes, angles, strict=True)]
 
-    def fill(self, layout: Layout, rate_Hz: float, source: int, results: int) -> list[int]:
+    def fill(self, layout: ArrayLayout, rate_Hz: float, source: int, results: int) -> list[int]:
         """Write the stage into a layout; return its counts. Inputs and outputs begin at `source` and `results` in s."""
         width = 2 * len(self.decay_s) + self.inputs
         poles = [(pole, 1.0 / (1.0 - pole)) for pole in self.poles(rate_Hz)]
@@ -119,7 +119,7 @@ class Stage:
             tick.STAGE_OUTPUTS: len(self.out_bias),
             tick.STAGE_SOURCE: source,
             tick.STAGE_RESULTS: results,
-            tick.STAGE_POLES: layout.table(x for pair in poles for one in pair for x in (one.real, one.imag)),
+            tick.STAGE_POLES: layout.table(x for pair in poles for signal in pair for x in (signal.real, signal.imag)),
             tick.STAGE_JOINED: layout.state(len(self.hidden_bias) + width),
         }
         for place, (matrix, columns, biases) in zip(range(tick.STAGE_DRIVE, tick.STAGE_JOINED), layers, strict=True):
@@ -140,15 +140,15 @@ class Stage:
     @cached_property
     def slopes(self) -> list[Row]:
         """Bounds on the derivatives of each output by the size of the states, then by the inputs; |tanh'| <= 1."""
-        count, first = len(self.decay_s), len(self.hidden_bias)
+        count, hidden = len(self.decay_s), len(self.hidden_bias)
         sizes = [_by_state(row, count) for row in cut(self.hidden, 2 * count + self.inputs)]
         return [
             tuple(
-                own + _dot([abs(weight) for weight in row[:first]], column)
+                own + _dot([abs(weight) for weight in row[:hidden]], column)
                 for own, column in zip(direct, zip(*sizes, strict=True), strict=True)
             )
-            for row in cut(self.out, first + 2 * count + self.inputs)
-            for direct in [_by_state(row[first:], count)]
+            for row in cut(self.out, hidden + 2 * count + self.inputs)
+            for direct in [_by_state(row[hidden:], count)]
         ]
 
     def differences(self, states: Sequence[float], inputs: Sequence[float]) -> list[float]:
@@ -157,14 +157,14 @@ class Stage:
 
     def bound(self, inputs: Sequence[float], rate_Hz: float) -> list[float]:
         """Return bounds on the size of the outputs for inputs of bounded sizes."""
-        count, first = len(self.decay_s), len(self.hidden_bias)
+        count, hidden = len(self.decay_s), len(self.hidden_bias)
         states = self.bound_states(inputs, rate_Hz)
-        found = []
-        for bias, row in zip(self.out_bias, cut(self.out, first + 2 * count + len(inputs)), strict=True):
-            tanhs, real, imag, direct = row[:first], row[first:][:count], row[first + count :], row[-len(inputs) :]
+        bounds = []
+        for bias, row in zip(self.out_bias, cut(self.out, hidden + 2 * count + len(inputs)), strict=True):
+            tanhs, real, imag, direct = row[:hidden], row[hidden:][:count], row[hidden + count :], row[-len(inputs) :]
             linear = _dot(list(map(hypot, real, imag[:count])), states) + _dot(list(map(abs, direct)), inputs)
-            found.append(abs(bias) + sum(map(abs, tanhs)) + linear)
-        return found
+            bounds.append(abs(bias) + sum(map(abs, tanhs)) + linear)
+        return bounds
 
     def check_sizes(self, where: str, inputs: int, outputs: int) -> None:
         """Raise ModelError unless its lists fit the numbers of inputs and outputs."""
@@ -228,7 +228,7 @@ class Member:
         factors = [] if self.current is None else self.current.bound(current, rate_Hz)
         return force + _dot(scaled, factors)
 
-    def fill(self, layout: Layout, rate_Hz: float, scaled: int) -> list[int]:
+    def fill(self, layout: ArrayLayout, rate_Hz: float, scaled: int) -> list[int]:
         """Write the member into a layout; return the counts of its stages. Its inputs begin at `scaled` in s."""
         between, forces = layout.state(len(self.first.out_bias)), layout.state(len(self.second.out_bias))
         counts = self.first.fill(layout, rate_Hz, scaled, between) + self.second.fill(layout, rate_Hz, between, forces)
@@ -319,7 +319,7 @@ class Recurrent(Structure):
     @property
     def parameters(self) -> int:
         """Number of parameters of all members."""
-        names = [one.name for one in fields(Stage)]
+        names = [declared.name for declared in fields(Stage)]
         return sum(len(getattr(stage, name)) for stage in self.all_stages for name in names)
 
     def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
@@ -327,7 +327,7 @@ class Recurrent(Structure):
         middle = 0.5 * sum(within.inputs[POSITION])
         return self.make_predictor(within).tick(middle, speed_m_s, current_A)
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.recurrent`."""
         layout.reserve(tick.P_RECURRENT, tick.N_RECURRENT, tick.S_RECURRENT, K_STRUCTURE)
         inputs = (*self.motion, *self.current)
@@ -339,8 +339,10 @@ class Recurrent(Structure):
         layout.n[tick.RECURRENT_STAGES] = len(self.members[0].stages)
         layout.n[tick.RECURRENT_INPUTS] = len(inputs)
         layout.n[tick.RECURRENT_TABLE] = layout.indices(stages)
-        layout.n[tick.RECURRENT_SIGNALS] = layout.indices(PLACES[one.signal] for one in inputs)
-        layout.n[tick.RECURRENT_SCALES] = layout.table(number for one in inputs for number in (one.mean, one.spread))
+        layout.n[tick.RECURRENT_SIGNALS] = layout.indices(PLACES[signal.signal] for signal in inputs)
+        layout.n[tick.RECURRENT_SCALES] = layout.table(
+            number for signal in inputs for number in (signal.mean, signal.spread)
+        )
         layout.n[tick.RECURRENT_SCALED] = scaled
         layout.n[tick.RECURRENT_DRIVEN] = layout.state(2 * max(len(stage.decay_s) for stage in self.all_stages))
 

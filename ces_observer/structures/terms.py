@@ -134,12 +134,12 @@ class Term:
 
 def collect_constructed(terms: Sequence[Term]) -> tuple[ConstructedInput, ...]:
     """Return the terms' constructed inputs by name, memberships last; raises ModelError if two of a name differ."""
-    known: dict[str, ConstructedInput] = {}
+    by_name: dict[str, ConstructedInput] = {}
     used = {f.definition for term in terms for f in term.factors if f.definition is not None}
-    for one in used | {one.base for one in used if isinstance(one, TriangularMembership) and one.base is not None}:
-        if known.setdefault(one.name, one) != one:
-            raise ModelError(f"constructed input '{one.name}': two different definitions; expected a name for each")
-    return tuple(sorted(known.values(), key=lambda one: (isinstance(one, TriangularMembership), one.name)))
+    for made in used | {made.base for made in used if isinstance(made, TriangularMembership) and made.base is not None}:
+        if by_name.setdefault(made.name, made) != made:
+            raise ModelError(f"constructed input '{made.name}': two different definitions; expected a name for each")
+    return tuple(sorted(by_name.values(), key=lambda made: (isinstance(made, TriangularMembership), made.name)))
 
 
 def define_factors(terms: Sequence[Term], constructed: Mapping[str, ConstructedInput]) -> tuple[Term, ...]:

@@ -11,7 +11,7 @@ from samplings import make_sampling
 from ces_observer.band import PARTS
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.model import parse_model
 from ces_observer.tick.band import band_half_width, band_tick
 from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
@@ -26,7 +26,7 @@ def only(part, weight=1.0):
 
 
 def width_after(band, *ticks):
-    layout = Layout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE)
+    layout = ArrayLayout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE)
     band.fill(layout, 1000.0)
     p, _, s, k = layout.arrays()
     for tick in ticks:
