@@ -91,8 +91,8 @@ class Field(ValueShape):
 
     A number may be one of the words `also` instead. `kind` is bool, int, float, str, Path, Mapping, object (anything),
     several of these, or a ValueShape, such as another field; by default that of `default`. `many` is a list of such
-    values, `min_count` to `max_count` of them, `ordered` one that does not fall, `different` one without repetition; with
-    `or_one`, a value alone stands for a list of it. A text must pass `check_text`, which raises ValueError; `form`
+    values, `min_count` to `max_count` of them, `ordered` one that does not fall, `different` one without repetition;
+    with `or_one`, a value alone stands for a list of it. A text must pass `check_text`, which raises ValueError; `form`
     describes the value, `remedy` says what to do about a mistake.
 
     In files, `key` is its name if it has another one there, and `null` stands for None. `make` turns what is read into

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -228,12 +227,12 @@ def _require_forward(
     if not len(backwards):
         return
     if not len(forward):
-        raise RecordingError(f"{path}: the newest row is first; reverse the rows{_shell_lines(path, place, 0)}")
+        raise RecordingError(f"{path}: the newest row is first; reverse the rows")
     row, more = int(backwards[0]), f" ({len(backwards) - 1} more below)" if len(backwards) > 1 else ""
     begin, again = (stamps[i] * 1e-9 for i in (row, row + 1))
     what = f"{path}: {place(row + 1)}: time runs backwards, from {begin:.13g} s to {again:.13g} s{more}"
     usual = float(np.median(forward))
-    cut = f"cut it before {place(row + 1)}{_shell_lines(path, place, row + 1)}"
+    cut = f"cut it before {place(row + 1)}"
     ordered = np.sort(stamps)
     if _is_even(ordered[1:] - ordered[:-1], usual):
         remedy = "rows are out of order, and no time is missing; sort the rows by time"
@@ -249,16 +248,3 @@ def _require_forward(
 
 def _is_even(steps: Stamps, usual: float) -> bool:
     return bool(np.all(np.abs(steps - usual) < 0.5 * usual))
-
-
-def _shell_lines(path: Path, place: Callable[[int], str], row: int) -> str:
-    """Return the commands that reverse the rows of a text table, or cut it before a row; '' for other logs."""
-    first, line = (place(at).removeprefix("line ") for at in (0, row))
-    if not first.isdecimal():
-        return ""
-    file = shlex.quote(str(path))
-    ordered, one, two = (shlex.quote(f"{path.stem}_{end}{path.suffix}") for end in ("ordered", 1, 2))
-    head = f"head -n {int(first) - 1} {file}; "
-    if row == 0:
-        return f": ({head}tail -n +{first} {file} | sed '$a\\' | tac) > {ordered}"
-    return f": head -n {int(line) - 1} {file} > {one}; ({head}tail -n +{line} {file}) > {two}"

@@ -6,14 +6,15 @@ It does not use ROS: `parameters.declare_table` declares a table; documentation 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from ces_observer.control.control_loop import FEEDBACKS
+from ces_observer.control.force_controller import Tuning
 from ces_observer.errors import CesError
-from ces_observer.limits import HealthLimits, InverseLimits
+from ces_observer.limits import HealthLimits
 from ces_observer.options import Option
+from ces_observer.records import record_fields
 from ces_observer.signals import FIELDS
 
 TYPES = {bool: "BOOL", int: "INTEGER", float: "DOUBLE", str: "STRING"}  # as in rcl_interfaces/msg/ParameterType
@@ -59,13 +60,17 @@ def require_type(name: str, wanted: str, kind: str) -> None:
 def signal_options(signal: str, defaults: Mapping[str, Any]) -> tuple[Option, ...]:
     """Return the parameters SIGNAL.KEY of a signal; those without a default are not set."""
     keys = [key for key in FIELDS if key != "constant" or signal == "current"]
-    named = [
-        replace(
-            FIELDS[key], name=f"{signal}.{key}", key="", kind=FIELDS[key].kind, make=None, default=defaults.get(key)
+    return tuple(
+        Option.from_field(
+            FIELDS[key],
+            name=f"{signal}.{key}",
+            key="",
+            make=None,
+            default=defaults.get(key),
+            meaning=f"{signal}: {FIELDS[key].meaning}",
         )
         for key in keys
-    ]
-    return tuple(Option(**vars(declared) | {"meaning": f"{signal}: {declared.meaning}"}) for declared in named)
+    )
 
 
 # fmt: off
@@ -141,21 +146,10 @@ LOOP = (
             "largest difference between an estimate's stamp and the clock at which the estimate is used [s]; 0: any",
             0.0, HOUR_S),
 )
-TUNING = (
-    tunable("low_A", 0.29, "lowest current to command [A]", 0.0, InverseLimits.MAX_CURRENT_A),
-    tunable("high_A", 0.70, "highest current to command [A]", 0.0, InverseLimits.MAX_CURRENT_A),
-    tunable("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0,
-            InverseLimits.MAX_CURRENT_A),
-    tunable("rate_A_s", 100.0, "fastest change of the command [A/s]", 0.01, 1e6),
-    tunable("timeout_s", 0.05, "time without estimates after which the safe current is commanded [s]", 0.005, 10.0),
-    tunable("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", 0.0, 100.0),
-    tunable("settle_m", 0.003, "stroke after a reversal from which the force is fed back [m]", 0.0, 1.0),
-    tunable("valve_lag_s", FROM_THE_MODEL,
-            "lag of the force behind the current that the command's lead compensates [s]; 0: no lead; negative: the "
-            "model's lag minus preview_s", FROM_THE_MODEL, 0.2),
-    tunable("preview_s", 0.006, "time by which the feed-forward predicts the speed [s]", 0.0, 0.05),
-    tunable("lead_filter_s", 0.003, "time constant of the filters of lead and preview [s]", 0.0, 0.1),
-    tunable("recovery_s", 0.2, "time of fading in after an interruption [s]", 0.0, 60.0),
+OF_THE_MODEL = {"default": FROM_THE_MODEL, "low": FROM_THE_MODEL}
+TUNING = tuple(
+    Option.from_field(declared, live=True, **(OF_THE_MODEL if declared.name == "valve_lag_s" else {}))
+    for declared in record_fields(Tuning).values()
 )
 # fmt: on
 OF_THE_CONTROLLER = (*FIXED, *LOOP, *TUNING, *CURVE)

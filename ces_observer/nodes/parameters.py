@@ -349,8 +349,7 @@ def read_live_settings(node: Node, parameters: Sequence[Parameter], model_lag_s:
 
 def build_live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSettings:
     """Return the settings in `values`, by parameter name; raises CesError if they cannot be used."""
-    field_names = {"timeout_s": "max_gap_s"}
-    tuning = {field_names.get(spec.name, spec.name): values[spec.name] for spec in tables.TUNING}
+    tuning = {spec.name: values[spec.name] for spec in tables.TUNING}
     if tuning["valve_lag_s"] < 0.0:
         tuning["valve_lag_s"] = Tuning.lead_s(model_lag_s, tuning["preview_s"])
     curve = ForceCurve.from_points(values[tables.SPEEDS], values[tables.FORCES])

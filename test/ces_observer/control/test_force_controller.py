@@ -51,7 +51,7 @@ def test_any_input_gives_a_command_within_limits_and_rate(steps: list[tuple[int,
     for elapsed_ns, speed, force in steps:
         stamp += elapsed_ns
         command = made.step(stamp, speed, force)
-        reach = TUNING.rate_A_s * TUNING.max_gap_s if stamp > newest else 0.0
+        reach = TUNING.rate_A_s * TUNING.timeout_s if stamp > newest else 0.0
         assert TUNING.low_A <= command <= TUNING.high_A
         assert abs(command - last) <= reach + 1e-12
         newest, last = stamp, command

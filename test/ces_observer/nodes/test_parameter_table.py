@@ -9,7 +9,6 @@ import pytest
 import yaml
 from parameter_cases import AT_START, CASES
 
-from ces_observer.control.force_controller import Tuning
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_observer.nodes.parameter_table import (
@@ -18,7 +17,6 @@ from ces_observer.nodes.parameter_table import (
     OF_A_DAMPER,
     OF_THE_CONTROLLER,
     OF_THE_NODE,
-    TUNING,
     check_value,
     find_unknown,
     signal_options,
@@ -107,14 +105,6 @@ def test_the_file_shows_every_parameter_at_its_default() -> None:
     assert given.pop("use_sim_time") is False
     defaults = {spec.name: spec.default for spec in OF_THE_CONTROLLER}
     assert given == {name: value for name, value in defaults.items() if name not in NOT_IN_THE_FILE}
-
-
-def test_the_tuning_has_the_tables_defaults() -> None:
-    table = {spec.name: spec.default for spec in TUNING}
-    made = Tuning(low_A=0.0, high_A=1.0, safe_A=0.5)
-    for name in ("rate_A_s", "loop_gain_1_s", "settle_m", "preview_s", "lead_filter_s", "recovery_s"):
-        assert getattr(made, name) == table[name]
-    assert made.max_gap_s == table["timeout_s"]
 
 
 def test_the_sample_model_is_proved_stable_and_tells_where_it_is_from() -> None:
