@@ -17,15 +17,20 @@ from ces_data.checks.motion import MIN_S, RATE_HZ, RecordedMotion, is_constant, 
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, finite_values, mean_rate
 from ces_data.limits import DamperLimits, RatioLimits
 from ces_data.recording import Recording
+from ces_data.units import find_unit
 
 SPEED_STEPS, MIN_TICKS = 5, 50  # samples of a speed; of a recording
 
-FASTER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # factor of times that are in it
-SLOWER = {"s, not ms": 1e3, "min": 60.0}
-LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "um": 1e-6}
-AS_MM = {"m": 1e3, "cm": 10.0, "inches": 25.4}  # of positions that were taken for mm
-UNITS = {"kN": 1e3, "kip": 4448.2216, "lbf": 4.4482216, "kgf": 9.80665}  # [N]
-AS_KN = {"N, not kN": 1e-3, "N, not kip": 1.0 / 4448.2216, "mN": 1e-3, "gf": 0.00980665}
+
+def _scales(*units: str) -> dict[str, float]:
+    """Return the factors to SI of units."""
+    return {text: unit.scale for text in units if (unit := find_unit(text)) is not None}
+
+
+FASTER, SLOWER = _scales("ms", "us", "ns"), {"s, not ms": 1e3, **_scales("min")}  # factors of times that are in it
+LENGTHS, UNITS = _scales("mm", "cm", "inches", "um"), _scales("kN", "kip", "lbf", "kgf")
+AS_MM = {text: 1e3 * scale for text, scale in _scales("m", "cm", "inches").items()}  # of positions taken for mm
+AS_KN = {"N, not kN": 1e-3, "N, not kip": 1.0 / UNITS["kip"], "mN": 1e-3, "gf": 1e-3 * UNITS["kgf"]}
 
 
 def unit_findings(recording: Recording, motion: RecordedMotion | None) -> Iterator[Finding]:

@@ -84,27 +84,14 @@ def simulated(module_vehicle: Vehicle, module_start: Start) -> Iterator[Simulate
     return SimulatedVehicle(module_vehicle)
 
 
-def test_simulated_time_is_respected(simulated: SimulatedVehicle) -> None:
-    stamps = simulated.drives(50 * S)
-    assert stamps[0] - 50 * S < 0.2 * S
-
-
-def test_simulated_time_that_jumps_back_begins_anew_and_is_told(
-    simulated: SimulatedVehicle, module_vehicle: Vehicle
+@pytest.mark.parametrize(("from_s", "to_s", "told"), [(80, 20, "-60."), (200, 500, "+299.")])
+def test_simulated_time_is_respected_and_a_jump_begins_anew_and_is_told(
+    simulated: SimulatedVehicle, module_vehicle: Vehicle, from_s: int, to_s: int, told: str
 ) -> None:
-    simulated.drives(80 * S)
-    stamps = simulated.drives(20 * S)
-    assert 0.1 * S <= stamps[0] - 20 * S < 0.3 * S
-    module_vehicle.hears_value(JUMPS, "simulated time jumped by -60.")
-
-
-def test_simulated_time_that_jumps_forward_begins_anew_and_is_told(
-    simulated: SimulatedVehicle, module_vehicle: Vehicle
-) -> None:
-    simulated.drives(200 * S)
-    stamps = simulated.drives(500 * S)
-    assert 0.1 * S <= stamps[0] - 500 * S < 0.3 * S
-    module_vehicle.hears_value(JUMPS, "simulated time jumped by +299.")
+    assert simulated.drives(from_s * S)[0] - from_s * S < 0.3 * S
+    stamps = simulated.drives(to_s * S)
+    assert 0.1 * S <= stamps[0] - to_s * S < 0.3 * S
+    module_vehicle.hears_value(JUMPS, f"simulated time jumped by {told}")
 
 
 def test_switching_simulated_time_off_is_told(simulated: SimulatedVehicle, module_vehicle: Vehicle) -> None:

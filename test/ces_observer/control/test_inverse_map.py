@@ -186,12 +186,6 @@ def test_the_inverse_map_holds_it() -> None:
             assert force == pytest.approx(run_to_steady(model, run, speed, current), rel=0.02)
 
 
-def test_a_force_beyond_the_force_envelope_counts_as_its_end() -> None:
-    model = replace(hydraulic_model(LINEAR), force_envelope_N=(-300.0, 200.0))
-    run = model.make_predictor()
-    assert [steady_force(model, run, speed, 0.9) for speed in (-1.0, 1.0)] == [-300.0, 200.0]
-
-
 def test_slow_friction_leaves_the_steady_force_alone() -> None:
     slow = replace(LINEAR, side=replace(NO_SIDE, friction=(FrictionElement(1.0, 500.0),)))
     within = hydraulic_model(LINEAR).operating_range

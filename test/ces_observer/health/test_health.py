@@ -144,12 +144,6 @@ def test_reasons_have_their_level_and_are_in_the_line(reason: str, level: int) -
     assert told(health).message == f"withholding: {reason}"
 
 
-def test_an_empty_window_has_no_rate() -> None:
-    _, health = damper_and_health()
-    health.roll(1.0, 0)
-    assert dict(told(health).values)["rate [Hz]"] == "0.0"
-
-
 def step(damper: DamperObserver, health: Health, k: int, position: float = 0.01) -> None:
     """Step as the node does: a change of the reason is reported at once."""
     before = damper.reason

@@ -84,22 +84,15 @@ def test_another_number_ends_it(other: float) -> None:
     assert (stillness.count, stillness.resting) == (2, True)
 
 
-def test_nan_is_no_rest() -> None:
-    stillness = Stillness(1.0)
-    rest(stillness, 0, 3000, nan)
-    assert stillness.count == 0
-
-
-def test_stamps_set_back_begin_anew() -> None:
-    stillness = Stillness(1.0)
-    rest(stillness, 10_000, 900)
-    rest(stillness, 0, 900)
-    assert stillness.count == 0
-
-
-def test_zero_stands_for_never() -> None:
-    stillness = Stillness(0.0)
-    rest(stillness, 0, 5000)
+@pytest.mark.parametrize(
+    ("warn_s", "rests"),
+    [(1.0, [(0, 3000, nan)]), (1.0, [(10_000, 900, 0.01), (0, 900, 0.01)]), (0.0, [(0, 5000, 0.01)])],
+    ids=["not a number", "stamps set back", "never"],
+)
+def test_what_is_no_rest(warn_s, rests) -> None:
+    stillness = Stillness(warn_s)
+    for start_ms, length_ms, position_m in rests:
+        rest(stillness, start_ms, length_ms, position_m)
     assert (stillness.count, stillness.resting) == (0, False)
 
 

@@ -211,37 +211,35 @@ def results(values: dict[str, str]) -> tuple[str, ...]:
     return tuple(values[f"position: {key}"] for key in keys)
 
 
-def test_numbers_without_a_gap_show_that_the_source_paused() -> None:
-    values = run(Losses(1000), numbers=(range(200), range(200, 400)))
-    assert results(values) == ("100", "0", "0", "100")
-    assert values["sentence"] == "missing: the source paused"
+UNKNOWN = Remarks.NOT_NUMBERED
+QUEUED = "missing, 100 of them dropped by this node's queue: set input_depth higher"
 
 
-def test_numbers_with_a_gap_show_a_loss() -> None:
-    values = run(Losses(1000), numbers=(range(200), range(280, 480)))
-    assert results(values) == ("100", "0", "80", "20")
-    assert values["sentence"] == "missing, 80 of them lost on the way"
-
-
-def test_without_numbers_the_cause_is_unknown() -> None:
-    values = run(Losses(1000), numbers=None)
-    assert results(values) == ("100", "0", Remarks.NOT_NUMBERED, Remarks.NOT_NUMBERED)
-    assert values["sentence"] == "missing: lost on the way, or the source paused"
-
-
-def test_a_full_queue_is_known_without_numbers() -> None:
-    values = run(Losses(150), numbers=None, wait_ms=150)
-    assert results(values) == ("100", "100", Remarks.NOT_NUMBERED, Remarks.NOT_NUMBERED)
-    assert values["sentence"] == "missing, 100 of them dropped by this node's queue: set input_depth higher"
-
-
-def test_a_burst_shorter_than_the_queue_is_no_overflow() -> None:
-    assert results(run(Losses(150), numbers=None, wait_ms=100))[1] == "0"
-
-
-def test_what_the_queue_dropped_was_not_lost_on_the_way() -> None:
-    values = run(Losses(150), numbers=(range(200), range(300, 500)), wait_ms=150)
-    assert results(values) == ("100", "100", "0", "0")
+@pytest.mark.parametrize(
+    ("depth", "numbers_after", "wait_ms", "dropped", "sentence"),
+    [
+        (1000, 200, 0, ("0", "0", "100"), "missing: the source paused"),
+        (1000, 280, 0, ("0", "80", "20"), "missing, 80 of them lost on the way"),
+        (1000, None, 0, ("0", UNKNOWN, UNKNOWN), "missing: lost on the way, or the source paused"),
+        (150, None, 150, ("100", UNKNOWN, UNKNOWN), QUEUED),
+        (150, None, 100, ("0", UNKNOWN, UNKNOWN), "missing: lost on the way, or the source paused"),
+        (150, 300, 150, ("100", "0", "0"), QUEUED),
+    ],
+    ids=[
+        "paused",
+        "lost on the way",
+        "without numbers",
+        "full queue",
+        "burst shorter than the queue",
+        "numbered queue",
+    ],
+)
+def test_what_became_of_missing_samples(depth, numbers_after, wait_ms, dropped, sentence) -> None:
+    """In this node's queue, lost on the way, not sent."""
+    numbers = None if numbers_after is None else (range(200), range(numbers_after, numbers_after + 200))
+    values = run(Losses(depth), numbers=numbers, wait_ms=wait_ms)
+    assert results(values) == ("100", *dropped)
+    assert values["sentence"] == sentence
 
 
 def test_an_overflow_that_takes_seconds_is_no_interruption() -> None:
