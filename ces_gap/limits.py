@@ -123,7 +123,6 @@ class ParameterLimits:
     SAME_ENERGY = (
         10.0  # whitened, of noise alone: an effect that leaves as little as parameters to this is what they are
     )
-    OFF = 0.2  # of its default: a parameter that is off by as much is worth a remark where there is no gap
     DOUBTFUL = 3.0  # times its default or a third of it: beyond, a value is a doubt
 
 

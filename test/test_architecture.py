@@ -66,14 +66,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 141.8,
-    "ces_data": 87.7,
+    "ces_data": 87.8,
     "ces_report": 12.7,
-    "ces_identify": 169.2,
+    "ces_identify": 168.7,
     "ces_rig": 76.8,
     "ces_gap": 129.1,
     "ces_cli": 66.2,
     "bench": 71.8,
-    "test": 473.6,
+    "test": 472.2,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -22,9 +22,8 @@ from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.effects.network import TwinRun
 from ces_gap.grid import thin_out
-from ces_gap.limits import RecordingLimits, TwinLimits
-from ces_gap.trace import Trace, TraceInputs
-from ces_identify.prepare.series import hold_current
+from ces_gap.limits import TwinLimits
+from ces_gap.trace import Trace, TraceInputs, bridge_current
 from ces_observer.errors import ModelError
 from ces_observer.fields import Field
 from ces_observer.records import Record, bounded, part, read_document, write_record
@@ -167,13 +166,7 @@ def sample_inputs(trace: Trace, steps: int) -> tuple[F, F, F, float]:
     step_s = float(base[1] - base[0]) / steps
     time_s = np.arange((len(base) - 1) * steps + 1) * step_s
     motion, inside = CubicSpline(trace.time_s, trace.inputs.position), np.minimum(time_s, trace.time_s[-1])
-    start_ns = int(trace.recording.channel("position").stamps_ns[0])
-    current = hold_current(
-        trace.recording, start_ns + np.round(base * 1e9).astype(np.int64), RecordingLimits.CURRENT_AGE_S
-    )
-    finite = np.isfinite(current)
-    current = np.interp(base, base[finite], current[finite]) if finite.any() else np.zeros_like(base)
-    current = np.repeat(current, steps)[: len(time_s)]
+    current = np.repeat(bridge_current(trace.recording, base)[0], steps)[: len(time_s)]
     return motion(inside), motion(inside, 1), current, step_s
 
 

@@ -26,6 +26,9 @@ from ces_observer.errors import RecordingError
 from ces_observer.limits import FileLimits
 from ces_observer.model import FREQUENCIES_HZ, Sampling
 
+WINDOW_S = 4.0  # [s] of a Welch segment
+MIN_NOISE = 1e-6  # of the RMS speed in a tick: the noise of positions without any
+MAX_SAMPLES = 30_000  # of a recording, for the likelihood: more change no figure of the noise
 SPEEDS = POSITION, MEASURED = ("position", "measured")  # what the speed of a model comes from
 
 
@@ -63,7 +66,7 @@ def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:
     samples = usable_samples(recording, 1e6)
     if np.ptp(samples.position) == 0.0:
         raise RecordingError(f"{recording.name}: position does not move; check its topic and field in the signals file")
-    window = 2 ** round(np.log2(max(SamplingLimits.WINDOW_S * rate, SamplingLimits.MIN_SAMPLES)))
+    window = 2 ** round(np.log2(max(WINDOW_S * rate, SamplingLimits.MIN_SAMPLES)))
     power, weight = np.zeros(window // 2), 0
     breaks = np.flatnonzero(np.abs(np.diff(samples.stamps_ns)) > max_gap_s * 1e9) + 1
     for stamps, position in zip(np.split(samples.stamps_ns, breaks), np.split(samples.position, breaks), strict=True):
@@ -104,7 +107,7 @@ def measure_motion_noise(recording: Recording, sampling: Sampling) -> float:
 
 
 def _spectrum(values: F, rate: float) -> Spectrum:
-    window = min(2 ** round(np.log2(SamplingLimits.WINDOW_S * rate)), len(values))
+    window = min(2 ** round(np.log2(WINDOW_S * rate)), len(values))
     frequency, power = welch(values, rate, nperseg=window, detrend="linear")
     return Spectrum(rate, frequency[1:], power[1:])
 
@@ -156,7 +159,7 @@ def _most_likely(
 
     `density` [m2/Hz] is that of the noise. The first modes are kept unless others are clearly likelier.
     """
-    least = max(SamplingLimits.MIN_NOISE * sampling.speed_m_s / sampling.rate_Hz, 1e-9)
+    least = max(MIN_NOISE * sampling.speed_m_s / sampling.rate_Hz, 1e-9)
     white = max(np.sqrt(0.5 * density * sampling.rate_Hz), least)
     limit, candidates = SamplingLimits.HIGHEST_SHARE * sampling.rate_Hz, []
     for frequencies in modes:
@@ -186,7 +189,7 @@ def _most_likely_noise(
 
 def _track(recording: Recording, sampling: Sampling) -> Tracked:
     """Return the ticks of the beginning of a recording without spikes; short gaps need fewer gains."""
-    samples, n = select_samples(recording, sampling), SamplingLimits.MAX_SAMPLES
+    samples, n = select_samples(recording, sampling), MAX_SAMPLES
     sampling = replace(sampling, max_gap_s=min(sampling.max_gap_s, LIKELIHOOD_GAP_TICKS / sampling.rate_Hz))
     return track(samples.stamps_ns[:n], remove_spikes(samples.position)[:n], sampling, samples.motion[:n])
 

@@ -20,6 +20,8 @@ from ces_identify.prepare.series import Series
 from ces_observer.model import Model
 
 PASTS = 24
+PAST_S, JOIN_S = 2.0, 0.25  # [s] length of a past, and of the way from its end to where the same input begins
+TAIL = 0.05  # share of the time at the end in which differences count
 SLOW = 0.05  # of the fastest speed, in slow triangles
 NOISE_HZ = (0.3, 12.0)
 SERIES = 3  # of the recordings, the longest
@@ -119,7 +121,7 @@ def _left(run: ModelRun, courses: Sequence[Course], ticks: int) -> float:
     length = courses[0].shape[1]
     starts = length * np.arange(len(courses))
     force, _ = run(np.concatenate(courses, axis=1), np.stack([starts, starts + length], axis=1))
-    tail = force.reshape(len(courses), length)[:, -max(1, round(ForgettingLimits.TAIL * ticks)) :]
+    tail = force.reshape(len(courses), length)[:, -max(1, round(TAIL * ticks)) :]
     return float(np.ptp(tail, axis=0).max())
 
 
@@ -152,8 +154,8 @@ class _Courses:
         self.low, self.high = envelope.position_m
         self.fastest = min(map(abs, envelope.speed_m_s)) or max(map(abs, envelope.speed_m_s))
         self.currents = sorted({*envelope.current_A, 0.5 * sum(envelope.current_A)})
-        self.past = round(ForgettingLimits.PAST_S * self.rate)
-        self.same = max(1, round(after_s * self.rate / (1.0 - ForgettingLimits.TAIL)))
+        self.past = round(PAST_S * self.rate)
+        self.same = max(1, round(after_s * self.rate / (1.0 - TAIL)))
         self.random = np.random.default_rng(0)
 
     def pasts(self) -> list[Course]:
@@ -212,7 +214,7 @@ class _Courses:
 
     def join(self, past: Course, same: Course) -> Course:
         """Return a past, the way from its end to the beginning of what follows, and that."""
-        ticks = max(2, round(ForgettingLimits.JOIN_S * self.rate))
+        ticks = max(2, round(JOIN_S * self.rate))
         shares = np.linspace(0.0, 1.0, ticks + 1)[1:]
         way = past[:, -1:] + shares * (same[:, :1] - past[:, -1:])
         way[1] = (same[0, 0] - past[0, -1]) * self.rate / ticks

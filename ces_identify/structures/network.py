@@ -12,7 +12,7 @@ from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
 from ces_identify.numerics.least_squares import Penalty, pull_towards
 from ces_identify.prepare.series import SimulatedSeries
-from ces_identify.structures.kit import StructureKit
+from ces_identify.structures.kit import AUTO, StructureKit
 from ces_identify.structures.lagged import LaggedShape
 from ces_identify.training import (
     LAG_SETS,
@@ -139,7 +139,6 @@ class NetworkFit(Family):
         return Network(self.regressors, self.training.scale_N, float(params[0]), linear, units)
 
 
-AUTO = "auto"
 MAX_COUNT = 20  # lags of a signal: three times as many stay below MAX_REGRESSORS
 
 

@@ -14,15 +14,14 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, I
-from ces_identify.limits import TickLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.search import THESIS, Listener, SearchResult, clock_s
-from ces_identify.polynomial.constructed import add_stroke_if_needed, find_time_constants, restrict_to_data
+from ces_identify.polynomial.constructed import find_time_constants, restrict_to_data
 from ces_identify.polynomial.free_run_fit import fit_free_run, refit_coefficients
-from ces_identify.polynomial.problem import Problem, assemble_problem, compile_terms, pieces
+from ces_identify.polynomial.problem import Problem, assemble_problem, lay_out_terms, pieces
 from ces_identify.polynomial.rules_file import load_rules
 from ces_identify.polynomial.selection import search
-from ces_identify.prepare.series import Series, SimulatedSeries
+from ces_identify.prepare.series import Series, SimulatedSeries, changes
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling
@@ -87,19 +86,15 @@ def fit_polynomial(
 def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
     """Return the problem of choosing terms on prepared series, with all open time constants determined.
 
-    The built-in rules get sub-models over the stroke if the data ask for them. What a time limit ends is left as it is.
+    What a time limit ends is left as it is.
     """
     end = clock_s() + MAX_BUILD_SHARE * options.limits.time
     rules = options.candidates or load_rules(None, options.limits.method)
-    built_in = rules == load_rules(None)
     stable = options.certificate and options.limits.method != THESIS
-    current = np.concatenate([series.current for series in training])
-    if np.ptp(current) <= TickLimits.MIN_CHANGE * max(1e-9, float(np.abs(current).max())):
+    if not changes(np.concatenate([series.current for series in training])):
         rules = rules.without_signal("current")
     rules = restrict_to_data(rules.at_rate(training[0].rate_Hz), training)
     rules = find_time_constants(rules, training, options.limits.within(end), stable, options.weight)
-    if built_in:
-        rules = add_stroke_if_needed(rules, training, options.limits.within(end), stable, options.weight)
     problem = assemble_problem(training, rules.candidates(), stable, options.weight)
     past = max((term.output_lag for term in problem.candidates), default=0)
     inputs = max((f.lag for term in problem.candidates for f in term.inputs), default=0)
@@ -233,7 +228,7 @@ def term_forces(polynomial: Polynomial, model: Model, simulated: SimulatedSeries
     """Return each term's force [N] along the free run, which they add up to: pieces of first tick, (terms, ticks)."""
     series, run = simulated.series, simulated.run
     inputs = np.stack([series.position, series.speed, series.current])
-    terms = compile_terms(polynomial.terms)
+    terms = lay_out_terms(polynomial.terms)
     powers = terms.power_table(model.envelope, inputs, series.segments, model.sampling.rate_Hz)
     gain = np.array([term.coefficient for term in polynomial.terms])[:, None]
     forces = []

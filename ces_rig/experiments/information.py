@@ -20,8 +20,8 @@ from scipy.signal import lfilter
 
 from ces_data.arrays import F, I
 from ces_identify.prepare.series import Series
-from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import simulate_series
+from ces_identify.validation.band import band_half_width
 from ces_observer.model import Model
 from ces_rig.experiments.commands import INTERVAL_S, RigCommands, RigLimits
 from ces_rig.experiments.random_motions import draw_current, draw_motion

@@ -14,8 +14,8 @@ from ces_identify.identification import identify
 from ces_identify.numerics.search import Limits
 from ces_identify.polynomial.rules_file import parse_rules
 from ces_identify.prepare.sampling import choose_sampling
-from ces_identify.simulations.band_run import band_half_width
 from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.validation.band import band_half_width
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.structures.terms import Factor, Term

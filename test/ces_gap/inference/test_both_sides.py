@@ -52,9 +52,9 @@ def evidence(*seeds: int) -> Evidence:
 def fit() -> EffectFit:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ces_gap.baseline.twin_fit.KINDS", ("twin tube",))
-        found = fit_both_sides(evidence(1, 2), PARTS, 2)
-    assert found is not None
-    return found
+        fit = fit_both_sides(evidence(1, 2), PARTS, 2)
+    assert fit is not None
+    return fit
 
 
 def test_what_the_simulation_lacks_is_told_from_its_calibration(fit: EffectFit) -> None:

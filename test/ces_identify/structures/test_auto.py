@@ -14,8 +14,9 @@ from ces_identify.numerics.search import INTERRUPTED, Limits
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare
 from ces_identify.structures import KITS, auto, run_batch
-from ces_identify.structures.auto import REASON, BestStructure, advise, default_sizes, mean_of, select_fitter
+from ces_identify.structures.auto import REASON, BestStructure, advise, default_sizes, select_fitter
 from ces_identify.structures.kit import Fitted, IdentifyOptions
+from ces_identify.structures.mixture import mean_of
 from ces_observer.errors import CesError
 from ces_observer.structures.mixture import Mixture
 

@@ -8,9 +8,8 @@ from damper_models import plain_damper
 from residual_series import RATE, evaluation, series
 
 from ces_identify.limits import BandLimits
-from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import simulate_series, since_reversal
-from ces_identify.validation.band import fit_band
+from ces_identify.validation.band import band_half_width, fit_band
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_observer.model import Envelope
 

@@ -68,7 +68,7 @@ def test_cycles_that_differ_are_left_out():
         (series, "the stroke does not repeat"),
         (lambda: series(position=np.full(10_000, 0.01)), "the stroke does not repeat"),
         (lambda: cycles(current=0.5 + 0.1 * coloured(10_000, 0.999, 3))[0], "from cycle to cycle the current differs"),
-        (lambda: cycles(seconds=2.2)[0], "equal cycles"),
+        (lambda: cycles(seconds=1.6)[0], "equal cycles"),
     ],
 )
 def test_no_floor_without_cycles(make, reason):

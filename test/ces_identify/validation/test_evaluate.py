@@ -1,18 +1,34 @@
-"""The interval of a cost: coverage at known truth, pooling, and where there is none."""
+"""Costs of free runs: intervals at known truth, the reason why one is missing, and the use of a recording's seconds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from report_examples import damper, model
 from residual_series import RATE, coloured, evaluation, series
 
 from ces_identify.limits import ErrorLimits
+from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
 from ces_identify.prepare.cost import cost
+from ces_identify.validation.cost_table import usage
+from ces_identify.validation.cycle_noise import CycleNoise
 from ces_identify.validation.evaluate import (
+    DIVERGED,
+    SHORT,
+    VALIDATION,
+    Evaluation,
     ScoredTicks,
     cost_interval,
+    evaluate,
+    explain_missing,
     interval_of_ticks,
     pooled_cost,
     scored_ticks,
 )
+from ces_observer.structures.terms import Term
 
 
 def is_covered(seed, seconds, error_pole, slow_s=0.0):
@@ -86,3 +102,50 @@ def test_no_interval_reaches_beyond_the_largest_factor():
         e = evaluation(one, 50.0 * coloured(6_000, 0.99, seed))
         interval = cost_interval([e])
         assert interval is None or interval.high <= ErrorLimits.MAX_FACTOR * e.cost
+
+
+FLOOR = CycleNoise(0.25, 20, 3.0, 0.4)
+
+
+@pytest.fixture(scope="module")
+def road() -> Evaluation:
+    return evaluate(model(), [damper("road")], VALIDATION)[0]
+
+
+def with_noise(evaluation: Evaluation, noise: CycleNoise | str) -> Evaluation:
+    """Return the evaluation with a given noise floor, or a given reason why there is none."""
+    other = replace(evaluation)
+    vars(other)["noise"] = noise
+    return other
+
+
+def test_a_short_recording_has_no_interval() -> None:
+    short = evaluate(model(), [damper("short", ticks=330)], VALIDATION)[0]
+    assert f"{SHORT}: short" in explain_missing([short])
+
+
+def test_a_diverged_run_is_named_once(road: Evaluation) -> None:
+    lost = replace(road, name="lost", cost=math.inf)
+    lines = explain_missing([lost, road], floors=False)
+    assert lines == [f"{DIVERGED}: lost"]
+
+
+def test_recordings_with_the_same_reason_share_a_line(road: Evaluation) -> None:
+    again = replace(road, name="town")
+    whole = [f"no noise floor ({road.noise}): all recordings"]
+    assert explain_missing([road, again]) == explain_missing([road, road]) == whole
+    some = explain_missing([with_noise(road, "why"), with_noise(again, "why"), with_noise(road, FLOOR)])
+    assert some == ["no noise floor (why): road, town"]
+
+
+def test_seconds_are_those_the_search_deals():
+    """Against what the problem weighs: estimation and selection share the scored ticks, and a test has none of them."""
+    one = series(6_000, warm_up=250)
+    problem = assemble_problem([one], [Term(1.0, ())])
+    np.testing.assert_array_equal(problem.selection > 0.0, one.scored & ~estimation_ticks(one))
+    row, test = usage([one.part(0.0, 1.0)], [one.part(0.5, 1.0)])
+    assert row["selection_s"] == round((problem.selection > 0.0).sum() / 500.0, 1)
+    assert row["estimation_s"] == round((one.scored & estimation_ticks(one)).sum() / 500.0, 1)
+    assert row["test_s"] == 0.0
+    assert (test["estimation_s"], test["selection_s"], test["test_s"]) == (0.0, 0.0, 5.5)
+    assert (test["from_s"], test["to_s"]) == (6.0, 12.0)
