@@ -65,7 +65,7 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 141.8,
+    "ces_observer": 141.3,
     "ces_data": 87.8,
     "ces_report": 12.7,
     "ces_identify": 168.7,
@@ -73,7 +73,7 @@ MAX_PACKAGE = {
     "ces_gap": 129.1,
     "ces_cli": 66.2,
     "bench": 71.8,
-    "test": 472.2,
+    "test": 472.1,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

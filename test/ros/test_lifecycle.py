@@ -48,12 +48,6 @@ DamperObserver.step, managed_node.ManagedNode.fall = step, fall
 NodeLimits.FALL_S, NodeLimits.RETRY_S = 0.3, 0.1
 sys.exit(observer.main())
 """
-WITHOUT = """
-import sys
-sys.modules["rclpy.lifecycle"] = None
-from ces_observer.nodes import observer
-sys.exit(observer.main())
-"""
 
 
 class Manager:
@@ -199,15 +193,5 @@ def test_an_observer_that_only_fails_lets_go_and_comes_back(vehicle: Vehicle, na
         status, output = node.ended()
         assert status == 0
         assert output.count("each sample has failed") == 1, output
-    finally:
-        node.kill()
-
-
-def test_without_a_life_cycle_the_node_is_plain(vehicle: Vehicle, namespace: str, model_path: Path) -> None:
-    words = ros_args(namespace, {"model": model_path, "autostart": False})
-    node = NodeProcess([sys.executable, "-c", WITHOUT, *words])
-    try:
-        vehicle.drive_until(lambda: len(vehicle.estimates) > 100, "estimates")
-        assert not vehicle.node.count_publishers("observer/transition_event")
     finally:
         node.kill()
