@@ -36,7 +36,6 @@ from ces_report.plot import series_css
 from ces_report.table import Column, Table
 from ces_report.typesetting import join_with, minus
 
-MAX_MODELS = 40
 MAX_NAMES = 3  # of other models in a sentence
 LOWEST, TOO_SHORT = "lowest", "too short"
 MAX_DRAWN = 8  # models in charts, which have so many colours
@@ -186,8 +185,8 @@ def compare(
 
     Raises CesError for fewer than two models, equal names, or recordings without a force.
     """
-    if not 2 <= len(models) <= MAX_MODELS:
-        raise CesError(f"{len(models)} models to compare; expected 2 to {MAX_MODELS}")
+    if not 2 <= len(models) <= ComparisonLimits.MAX_MODELS:
+        raise CesError(f"{len(models)} models to compare; expected 2 to {ComparisonLimits.MAX_MODELS}")
     names = [model.name for model in models]
     if len(set(names)) < len(names):
         raise CesError(f"two models are named '{max(names, key=names.count)}'; give each a name of its own")

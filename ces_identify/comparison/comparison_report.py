@@ -26,7 +26,7 @@ from ces_identify.comparison.comparison import (
     model_table,
     swatch,
 )
-from ces_identify.limits import ComparisonLimits
+from ces_identify.limits import TickLimits
 from ces_identify.validation.cost_table import NONE, percent
 from ces_identify.validation.evaluate import CostInterval, find_working_windows
 from ces_observer.json_text import write_atomically
@@ -276,7 +276,7 @@ def choose_window(recording: AlignedRecording) -> tuple[int, int]:
 
 
 def _time_plot(recording: AlignedRecording, names: list[str], number: int, view: tuple[float, float]) -> Plot:
-    t, breaks = recording.time_s, np.diff(recording.time_s, prepend=recording.time_s[0]) > ComparisonLimits.MAX_GAP_S
+    t, breaks = recording.time_s, np.diff(recording.time_s, prepend=recording.time_s[0]) > TickLimits.MIN_GAP_S
     forces, errors = [PlotLine("measured", t, recording.measured, "measured reference", breaks)], []
     for i, (name, force) in enumerate(zip(names, recording.forces, strict=True)):
         error = np.where(recording.scored, recording.measured - force, np.nan)
