@@ -29,7 +29,7 @@ from ces_identify.comparison.compared_models import (
     pooled_costs,
 )
 from ces_identify.limits import ComparisonLimits
-from ces_identify.validation.cost_table import NONE, percent
+from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
 from ces_report.plot import series_css
@@ -370,7 +370,7 @@ def model_table(comparison: Comparison) -> Table[int]:
             lambda i: percent(models[i].pooled),
             figure=True,
             short="J %",
-            small=lambda i: cost_interval(models[i].pooled_interval),
+            small=lambda i: interval_text(models[i].pooled_interval),
         ),
         Column("Above the lowest [%]", above, figure=True, short="above the lowest", small=above_interval),
         Column("Bound of the force [kN]", lambda i: models[i].bound_kN, figure=True, short="bound kN"),
@@ -378,11 +378,6 @@ def model_table(comparison: Comparison) -> Table[int]:
     ]
     title = f"cost J over {join_with(tests)}" if tests else "cost J over all (not a test)"
     return Table(columns, comparison.by_cost, title)
-
-
-def cost_interval(interval: CostInterval | None) -> str:
-    """Return the interval of a cost as text."""
-    return TOO_SHORT if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"
 
 
 def swatch(comparison: Comparison, i: int) -> Markup:
