@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from bench.reference.tables import as_text, code, codes, first_paragraph, table
-from ces_cli.schemas import build_schema
+from ces_cli.schema import build_schema
 from ces_identify.characteristics.rows import TABLES
 from ces_identify.schema_files import ABOUT
 from ces_observer.signals import NAMES

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.limits import EnvelopeLimits
 from ces_identify.numerics.core import batch_run, run_batch
 from ces_identify.numerics.least_squares import NormalEquations
 from ces_identify.physical.hydraulic_kernels import Score, run_network
@@ -34,8 +35,6 @@ from ces_observer.structures.structure import OperatingRange
 FITTED_RATE_HZ = 500.0  # rate of the ticks whose errors a fit counts: forces hold nothing faster
 LAMINAR = 2e-3  # drop below which openings are laminar, relative to the largest force
 UNLIMITED_N = 1e9
-MOST = 2.0  # pressures at which they are held, relative to the largest that the recordings need
-REACH = 2.0
 HELD_DEGREE = 2  # of a valve's change over its rows where the current was held at a few values
 LEAST_OPENING = 1e-6  # of a bypass, relative to its largest
 COLUMNS = (
@@ -174,16 +173,18 @@ class HydraulicModels:
             side=SideForces(
                 number["lead_s"], s.max_acceleration_m_s2, number["viscous_Ns_m"], number["mass_kg"],
                 as_floats(s.positions_m), as_floats(values["gas_N"]),
-                tuple(FrictionElement(*map(float, one)) for one in friction),
+                tuple(FrictionElement(*map(float, numbers)) for numbers in friction),
             ),
-            reach=REACH,
+            reach=EnvelopeLimits.REACH,
         )  # fmt: skip
 
     def hold_pressures(self, theta: F) -> HydraulicModels:
         """Return the models whose pressures are held well beyond those that the recordings need."""
         ticks = len(self.training.measured)
         _, most, _, _ = self._differentiate(theta, np.zeros(ticks), np.zeros(ticks, np.int64))
-        return replace(self, most_N=float(min(max(MOST * most, self.scales.force_N), UNLIMITED_N)))
+        return replace(
+            self, most_N=float(min(max(EnvelopeLimits.HELD_PRESSURE * most, self.scales.force_N), UNLIMITED_N))
+        )
 
 
 def unlimited(interval_s: float) -> OperatingRange:

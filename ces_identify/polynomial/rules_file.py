@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_identify.numerics.search import GAUSS_NEWTON, THESIS
-from ces_identify.polynomial.candidates import (
+from ces_identify.polynomial.candidate_rules import (
     FORMS,
     SIGNALS,
     CandidateRules,
@@ -189,7 +189,7 @@ def constructions_from(
     constructed = dict(known or {})
     for name in sorted(raw, key=lambda key: isinstance(raw[key], Mapping) and raw[key].get("kind") == MEMBERSHIPS):
         constructed[str(name)] = _construct(str(name), raw[name], f"{where}: {name}", constructed)
-    names = [one.name for group in constructed.values() for one in group]
+    names = [definition.name for group in constructed.values() for definition in group]
     if len(set(names)) < len(names):
         raise CesError(f"{where}: hats are named NAME_1, NAME_2 and so on; expected these names to be free")
     return constructed
@@ -198,13 +198,13 @@ def constructions_from(
 def _construct(name: str, raw: object, where: str, known: Constructions) -> tuple[ConstructedInput, ...]:
     if isinstance(raw, Mapping):
         raw = {**(FREQUENCY if raw.get("kind") == "frequency" else {}), **raw, "name": name}
-    one = CONSTRUCTED.check(raw, where)
-    if not isinstance(one, Memberships):
-        return (one,)
-    smooth = {one.name: one for group in known.values() for one in group if one.kind != "hat"}
-    if one.of not in (*BASE, *smooth):
-        raise CesError(f"{where}: of is {one.of!r}; expected one of {', '.join((*BASE, *smooth))}")
-    return make_memberships(name, one.of, one.at, smooth.get(one.of))
+    definition = CONSTRUCTED.check(raw, where)
+    if not isinstance(definition, Memberships):
+        return (definition,)
+    smooth = {d.name: d for group in known.values() for d in group if d.kind != "hat"}
+    if definition.of not in (*BASE, *smooth):
+        raise CesError(f"{where}: of is {definition.of!r}; expected one of {', '.join((*BASE, *smooth))}")
+    return make_memberships(name, definition.of, definition.at, smooth.get(definition.of))
 
 
 def rules_schema() -> Schema:

@@ -15,7 +15,7 @@ import yaml
 from jsonschema import Draft7Validator
 
 from ces_cli.main import main
-from ces_cli.schemas import BUILDERS, build_schema
+from ces_cli.schema import BUILDERS, build_schema
 from ces_cli.terminal.outputs import make_schemas
 from ces_data.logs.log_mapping import TEMPLATE as IMPORT_TEMPLATE
 from ces_data.logs.log_mapping import load_dyno_mapping

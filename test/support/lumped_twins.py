@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from ces_rig.dampers.lookup.parameters import LEVELS, SPEEDS
+from ces_rig.dampers.lookup.kernel import LEVELS, SPEEDS
 from ces_rig.dampers.stepper import spline_speed
 
 STEP = 1e-5

@@ -1,6 +1,5 @@
 """The thesis' procedure: against a slow twin of its flow chart, where it stops, and what is said of its stability."""
 
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,10 +8,10 @@ import pytest
 from identification_examples import RULES, SAMPLING, planted
 
 from ces_identify import identify, read_recording, validate
-from ces_identify.numerics.search import THESIS, TIME_IS_UP, WORK_IS_DONE, Limits, clock_s
+from ces_identify.numerics.search import THESIS, TIME_IS_UP, WORK_IS_DONE, Limits, SearchStart
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.polynomial.rules_file import load_rules
-from ces_identify.polynomial.selection import ThesisStart
+from ces_identify.polynomial.selection import ThesisSearch
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError, ModelError
@@ -32,9 +31,8 @@ def problem():
 
 
 def start(problem, heard=None, **limits):
-    deadline = clock_s() + 60.0
     listener = (lambda result: None) if heard is None else heard.append
-    return ThesisStart(problem, replace(ONCE, **limits), 3, deadline, threading.Event(), listener)
+    return ThesisSearch(problem, SearchStart(replace(ONCE, seed=3, **limits), listener))
 
 
 def slow_cost(problem, chosen):
@@ -79,9 +77,7 @@ def test_it_stops_at_the_target_at_its_limit_of_terms_and_when_time_is_up(proble
     early = start(problem, target=1.5 * whole.cost).run()
     assert (early.ended, early.cost <= 1.5 * whole.cost) == ("target cost reached", True)
     assert len(start(problem, terms=2).run().chosen) <= 2 < len(whole.chosen)
-    late = start(problem)
-    late.deadline = clock_s() - 1.0
-    stopped = late.run()
+    stopped = start(problem, time=-1.0).run()
     assert (stopped.ended, stopped.chosen.tolist()) == (TIME_IS_UP, problem.initial.tolist())
     least = start(problem, work=0.0).run()
     assert (least.ended, least.share) == (WORK_IS_DONE, 1.0)

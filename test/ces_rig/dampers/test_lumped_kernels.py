@@ -4,8 +4,8 @@ import lumped_twins
 import numpy as np
 import pytest
 
-from ces_rig.dampers.bouc_wen.parameters import BoucWen
-from ces_rig.dampers.lookup.parameters import Lookup
+from ces_rig.dampers.bouc_wen.kernel import BoucWen
+from ces_rig.dampers.lookup.kernel import Lookup
 from ces_rig.dampers.stepper import KINDS as ALL
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError

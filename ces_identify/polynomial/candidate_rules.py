@@ -116,14 +116,16 @@ class CandidateRules:
     def with_time_constant(self, name: str, seconds: float) -> CandidateRules:
         """Return the rules with the time constant of the lag `name` set, also in memberships of that lag."""
 
-        def set_time_constant(one: ConstructedInput) -> ConstructedInput:
-            if isinstance(one, TriangularMembership) and one.base is not None:
-                return replace(one, base=set_time_constant(one.base))
-            return replace(one, time_constant_s=seconds) if isinstance(one, Lag) and one.name == name else one
+        def set_time_constant(definition: ConstructedInput) -> ConstructedInput:
+            if isinstance(definition, TriangularMembership) and definition.base is not None:
+                return replace(definition, base=set_time_constant(definition.base))
+            if isinstance(definition, Lag) and definition.name == name:
+                return replace(definition, time_constant_s=seconds)
+            return definition
 
         return replace(
             self,
-            constructed={n: tuple(set_time_constant(one) for one in made) for n, made in self.constructed.items()},
+            constructed={n: tuple(map(set_time_constant, group)) for n, group in self.constructed.items()},
             open_lags=tuple(n for n in self.open_lags if n != name),
         )
 
@@ -174,7 +176,7 @@ class CandidateRules:
         """Return factors of a signal with its definition, or with each of those of a group of memberships."""
         if signal not in self.constructed:
             return tuple(factors)
-        return tuple(replace(f, signal=one.name, definition=one) for one in self.constructed[signal] for f in factors)
+        return tuple(replace(f, signal=d.name, definition=d) for d in self.constructed[signal] for f in factors)
 
 
 def _count_choices(occurrences: Sequence[Sequence[Factor]]) -> int:
