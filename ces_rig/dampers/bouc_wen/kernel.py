@@ -2,7 +2,7 @@
 
 The model is that of B. F. Spencer et al., J. Eng. Mech. 123 (1997), with normalised hysteresis (|z| <= 1), surrounded
 by the spring of the fluid, gas, seals, stops, a mass and a bushing. The kernel is a linearly implicit Euler with a
-fixed step; a slow readable version is in the tests. Forces are positive in compression. The fluid's spring is bent by
+fixed step. Forces are positive in compression. The fluid's spring is bent by
 `e`; across it the modified Bouc–Wen element moves at `v_in`, with F = c1·dy/dt and
 F = f_y·z + c0·(v_in − dy/dt) + k0·(x_in − y).
 """

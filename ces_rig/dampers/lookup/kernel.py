@@ -1,7 +1,7 @@
 """A damper known by a table: its force over speed and current, in series with a spring, and the parts around it.
 
 The table is a dyno's result: the packaged one is made up, `learn_lookup` makes one of a recording. The kernel is a
-linearly implicit Euler with a fixed step; a slow version is in the tests. The series spring is bent by `e`, whose rate
+linearly implicit Euler with a fixed step. The series spring is bent by `e`, whose rate
 is the piston's speed less the speed `passing_speed(F)` at which the table has its force.
 """
 
