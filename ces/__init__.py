@@ -81,10 +81,11 @@ def identify(
     from ces_data.checks.content import require_distinct
     from ces_data.reading import as_recordings
     from ces_identify.identification import identify as identify_recordings
-    from ces_identify.options import choose_fit
+    from ces_identify.options import IdentifyRequest
     from ces_identify.scripting.model import Model
 
-    how, fitter = choose_fit(structure, options)
+    request = IdentifyRequest.of({"structure": structure, "ignore_findings": ignore_findings, **options})
+    how, fitter = request.options(), request.fitter()
     given = as_recordings(recordings, signals)
     held_out = as_recordings(validation, signals, required=False)
     require_distinct(given, held_out)
@@ -224,14 +225,14 @@ def calibrate(
 
 def _diagnose_options(given: Mapping[str, Any]) -> DiagnoseOptions:
     """Return the options of a diagnosis; raises CesError for a name that none has."""
-    from ces_cli.diagnose.program import OPTIONS
+    from ces_cli.diagnose.diagnosis import DiagnoseRequest
     from ces_gap.effects.effect import Effect
     from ces_gap.pipeline import DiagnoseOptions
 
     known = [field.name for field in fields(DiagnoseOptions)]
     if unknown := [name for name in given if name not in known]:
         raise CesError(f"{unknown[0]}: is no option of diagnose; expected one of {', '.join(known)}")
-    for option in OPTIONS:
+    for option in DiagnoseRequest.options():
         if given.get(option.name) is not None and option.kind in (int, float):
             option.check(given[option.name])
     if not all(isinstance(effect, Effect) for effect in given.get("effects", ())):

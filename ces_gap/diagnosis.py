@@ -49,7 +49,7 @@ class Diagnosis:
     not_separable: tuple[str, ...]  # effects that a recalibration could absorb (without references)
     invisible: tuple[tuple[str, str], ...]  # effect, reason why these recordings cannot show it
     ceiling_after_N: float
-    no_gap_reason: str  # of the verdict "no_gap": WITHIN_... of `inference/verdict.py`, "" otherwise
+    no_gap_reason: str  # of the verdict "no_gap": `Within`, "" otherwise
     tolerance_N: float  # a gap up to this RMS counts as none
     visible_from_N: float  # RMS below which an effect would hide behind noise and the simulation's own error
     probability_none: float
@@ -64,7 +64,7 @@ class Diagnosis:
     correction: LearnedCorrection | None = None  # of the baseline error
     twin: Twin | None = None  # of the simulation
     figures: VerdictFigures | None = None  # the basis of the verdict
-    doubt: str = ""  # what keeps a cause from being named: constants of `inference/verdict.py`
+    doubt: str = ""  # what keeps a cause from being named: `Doubt`
     alternatives: tuple[str, ...] = ()  # effects outside the composition that stay possible
     explained_as_well: tuple[tuple[str, ...], ...] = ()  # by each of these, parameters and effects together
     timed_N: float = float("nan")  # gap after the simulation's timing was fitted

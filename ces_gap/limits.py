@@ -123,7 +123,6 @@ class ParameterLimits:
     SAME_ENERGY = (
         10.0  # whitened, of noise alone: an effect that leaves as little as parameters to this is what they are
     )
-    OFF = 0.2  # of its default: a parameter that is off by as much is worth a remark where there is no gap
     DOUBTFUL = 3.0  # times its default or a third of it: beyond, a value is a doubt
 
 
@@ -157,6 +156,7 @@ class RegionLimits:
     SIGNIFICANT = 0.05  # p-value and false-discovery rate: the convention
     MIN_SHARE, MIN_TICKS = 0.003, 25  # of a region or a field of a map
     FEW_LEVELS = 12  # as many distinct values get a region each
+    MIN_ENERGY_RATIO, MIN_ENERGY_SHARE = 1.2, 0.05  # of one of them: energy over its share of the time, and in total
     HYSTERESIS, MIN_HYSTERESIS_M_S = 0.05, 0.002  # speed that a reversal must exceed: of the speed's RMS, and [m/s]
 
 

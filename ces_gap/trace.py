@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F, Mask
-from ces_data.recording import Recording
+from ces_data.recording import Channel, Recording
 from ces_data.samples import measured_at, without_spikes
 from ces_gap.errors import GapError
 from ces_gap.grid import (
@@ -125,8 +125,7 @@ class Trace:
 
     def grid_ns(self) -> NDArray[np.int64]:
         """Return the time stamps [ns] of the ticks (n,)."""
-        first = int(self.recording.channel("position").stamps_ns[0])
-        return np.asarray(first + np.round(self.time_s * 1e9).astype(np.int64), dtype=np.int64)
+        return _stamps(self.recording, self.time_s)
 
 
 def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None = None, thinned: bool = True) -> Trace:
@@ -136,53 +135,74 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
     position. Without a force channel the force is zero and no tick is usable. Raises GapError if there are too few
     samples.
     """
+    logged = without_spikes(recording, dropouts=False)  # a force that stays 0 after a jump may be play
+    trace = _lay_on_grid(recording, logged, simulated_N, thinned)
+    noise = noise or _measure_noise(trace, logged.channels.get("force"), simulated_N)
+    return replace(trace, noise_N=noise.rms_N, measured_noise=noise)
+
+
+def _lay_on_grid(recording: Recording, logged: Recording, simulated_N: F, thinned: bool) -> Trace:
+    """Return the trace of a recording, which was `logged` without spikes; its noise is not measured."""
     clock = recording.channel("position").stamps_ns
     seconds = (clock - clock[0]) * 1e-9
     base, base_Hz, factor = lay_base_grid(seconds, recording.name)
     factor = factor if thinned else 1
-    base_ns = clock[0] + np.round(base * 1e9).astype(np.int64)
-    logged = without_spikes(recording, dropouts=False)  # a force that stays 0 after a jump may be play
     position, known_x = bridge_gaps(seconds, logged.channel("position").values, base)
     position = smooth_out(position, find_low_pass_Hz(position, base_Hz), base_Hz)
-    force, known_f, measured = np.zeros_like(base), np.zeros(len(base), bool), np.zeros(len(base), bool)
-    channel = logged.channels.get("force")
-    if channel is not None:
-        force_s = (channel.stamps_ns - clock[0]) * 1e-9
-        force, known_f = bridge_gaps(force_s, channel.values, base)
-        measured = without_edges(measured_at(channel, base_ns), factor - 1)  # what decimation mixes into a tick
+    speed = derivative(position, base_Hz)
+    force, known_f, measured = _bridge_force(logged, base, factor)
     simulated, known_s = bridge_gaps(seconds, simulated_N, base)
-    current = hold_current(logged, base_ns, RecordingLimits.CURRENT_AGE_S)
-    known_i = np.isfinite(current)
-    current = np.interp(base, base[known_i], current[known_i]) if known_i.any() else np.zeros_like(base)
+    current, known_i = bridge_current(logged, base)
     usable = without_edges(known_x & known_f & known_s & known_i, round(EDGE_S * base_Hz)) & measured
     keep = slice(None, None, factor)
-    rate = base_Hz / factor
-    speed = derivative(position, base_Hz)
-    acceleration = derivative(speed, base_Hz)[keep]
-    inputs = TraceInputs(position[keep], speed[keep], current[keep], current_as_logged=True)
-    force = thin_out(force, factor)
-    if noise is None and channel is not None:
-        signals = GridSignals(rate, inputs.position, inputs.speed, acceleration, inputs.current, force, usable[keep])
-        beside = np.interp(force_s, seconds, simulated_N, np.nan, np.nan)
-        noise = measure_noise(
-            channel.values, lambda v: thin_out(interpolate(force_s, v, base), factor), signals, beside
-        )
-    noise = noise or UNMEASURED
     return Trace(
         name=recording.name,
-        rate_Hz=rate,
+        rate_Hz=base_Hz / factor,
         time_s=base[keep],
-        inputs=inputs,
-        acceleration=acceleration,
-        force=force,
+        inputs=TraceInputs(position[keep], speed[keep], current[keep], current_as_logged=True),
+        acceleration=derivative(speed, base_Hz)[keep],
+        force=thin_out(force, factor),
         simulated=thin_out(simulated, factor),
         simulated_as_logged=thin_out(simulated, factor),
         usable=usable[keep],
         recording=recording,
-        noise_N=noise.rms_N,
-        measured_noise=noise,
+        noise_N=0.0,
         simulated_at_base=simulated,
     )
+
+
+def _bridge_force(logged: Recording, base: F, factor: int) -> tuple[F, Mask, Mask]:
+    """Return the measured force [N] (n,) at times `base` [s], where it is known, and where thinning finds no gap."""
+    channel, start_ns = logged.channels.get("force"), logged.channel("position").stamps_ns[0]
+    if channel is None:
+        return np.zeros_like(base), np.zeros(len(base), bool), np.zeros(len(base), bool)
+    force, known = bridge_gaps((channel.stamps_ns - start_ns) * 1e-9, channel.values, base)
+    return force, known, without_edges(measured_at(channel, _stamps(logged, base)), factor - 1)
+
+
+def bridge_current(recording: Recording, base: F) -> tuple[F, Mask]:
+    """Return the held current [A] (n,) at times `base` [s], and where it is known; elsewhere it is interpolated."""
+    current = hold_current(recording, _stamps(recording, base), RecordingLimits.CURRENT_AGE_S)
+    known = np.isfinite(current)
+    return np.interp(base, base[known], current[known]) if known.any() else np.zeros_like(base), known
+
+
+def _stamps(recording: Recording, base: F) -> NDArray[np.int64]:
+    """Return the time stamps [ns] (n,) of times [s] after the first position sample."""
+    first_ns = recording.channel("position").stamps_ns[0]
+    return np.asarray(first_ns + np.round(base * 1e9).astype(np.int64), dtype=np.int64)
+
+
+def _measure_noise(trace: Trace, channel: Channel | None, simulated_N: F) -> MeasuredNoise:
+    """Return the noise of the force `channel` on the grid of a trace; `simulated_N` [N] is at the position samples."""
+    if channel is None:
+        return UNMEASURED
+    (seconds, base, factor), inputs = trace.base_grid, trace.inputs
+    force_s = (channel.stamps_ns - trace.recording.channel("position").stamps_ns[0]) * 1e-9
+    motion = inputs.position, inputs.speed, trace.acceleration, inputs.current
+    signals = GridSignals(trace.rate_Hz, *motion, trace.force, trace.usable)
+    beside = np.interp(force_s, seconds, simulated_N, np.nan, np.nan)
+    return measure_noise(channel.values, lambda v: thin_out(interpolate(force_s, v, base), factor), signals, beside)
 
 
 def open_trace(simulation: Simulation, recording: Recording, also_as_logged: bool = True) -> Trace:
@@ -257,5 +277,5 @@ def require_usable(trace: Trace) -> None:
         raise GapError(
             f"{trace.name}: {seconds:.2f} s with position, current, force and a simulated force together; "
             f"expected at least {RecordingLimits.MIN_USABLE_S:g} s; "
-            "check --signals and that the channels overlap in time"
+            "check the signals file and that the channels overlap in time"
         )

@@ -1,32 +1,37 @@
-"""The options of an identification, each declared once.
+"""The options of an identification, each declared once, and the request that they make.
 
-The program `ces identify`, the node `identify`, campaigns and the plans of iterations take names, ranges, defaults and
-meanings from here; the sizes of a structure are declared in its kit.
+The program `ces identify`, the node `identify`, scripts, campaigns and the plans of iterations take names, ranges,
+defaults and meanings from here; the sizes of a structure are declared in its kit.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import reduce
+from math import inf
 from pathlib import Path
 from typing import Any
 
-from ces_data.reading import kind_of
 from ces_identify.numerics.search import GAUSS_NEWTON, METHODS, Limits
+from ces_identify.polynomial.candidate_rules import CandidateRules
+from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.rules_file import load_rules
-from ces_identify.prepare.cost import FORMS, parse_weighting
+from ces_identify.prepare.cost import FORMS, Weighting, parse_weighting
 from ces_identify.prepare.sampling import SPEEDS
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, BestStructure, default_sizes
 from ces_identify.structures.kit import Fitter, IdentifyOptions, Size
-from ces_observer.errors import CesError
-from ces_observer.model import MAX_DELAY_S
+from ces_identify.structures.polynomial import POLYNOMIAL
+from ces_observer.errors import CesError, OptionName
+from ces_observer.fields import FieldError
+from ces_observer.limits import FileLimits
 from ces_observer.options import Option, in_group
 
+STRUCTURE = "structure"
 FROM_DATA = "from the data"
 REGIONS = f"{FORMS} [m/s, share of the stroke, A, m]"
-POLYNOMIAL_STRUCTURES = ("polynomial", AUTO)
 POLYNOMIALS = f"polynomials (--structure polynomial or {AUTO})"
 
 TIME = Option(
@@ -111,7 +116,7 @@ DELAY = Option(
     0.0,
     "how long after a sample its force is estimated, whole ticks up to 0.02 s: the speed is known better then",
     0.0,
-    MAX_DELAY_S,
+    FileLimits.MAX_DELAY_S,
     "s",
     metavar="S",
 )
@@ -125,7 +130,7 @@ def structure_option() -> Option:
     """Return the option that chooses the structure of the model."""
     about = ", ".join(f"{name}: {kit.about}" for name, kit in KITS.items())
     text = f"{about}; {AUTO}: the best of several, or a mean of them"
-    return Option("structure", next(iter(KITS)), text, choices=(*KITS, AUTO))
+    return Option(STRUCTURE, next(iter(KITS)), text, choices=(*KITS, AUTO))
 
 
 def list_options() -> tuple[Option, ...]:
@@ -141,65 +146,105 @@ def list_options() -> tuple[Option, ...]:
     )
 
 
-def build_identify_options(values: Mapping[str, Any]) -> IdentifyOptions:
-    """Return the settings of an identification for values by the names of options; it leaves out other names."""
-    given = {name: value for name, value in values.items() if name != TIME.name or value is not None}
-    limits = Limits(**{f.name: given[f.name] for f in fields(Limits) if f.name in given})
-    own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
-    return IdentifyOptions(**{**own, "limits": limits})
+@dataclass(frozen=True)
+class IdentifyRequest:
+    """What model to identify: the options of `ces identify` by their names, with the sizes of structures in `sizes`.
 
-
-def choose_fit(structure: str, given: Mapping[str, Any]) -> tuple[IdentifyOptions, Fitter]:
-    """Return the settings of an identification and the fitter of a structure, for values by the names of options.
-
-    Weights and candidate rules may be texts. Raises CesError naming what is unknown, or does not apply.
+    `candidates` and `weight` may be what they stand for, too. It is what the command line, the node, scripts, campaigns
+    and plans of iterations make of what they are given.
     """
-    values = {name: value for name, value in given.items() if value is not None}
-    sizes = {name: value for name, value in values.items() if name not in _OPTION_NAMES and name not in _LIMIT_NAMES}
-    fitter = _find_fitter(structure, sizes)
-    named = {name: value for name, value in values.items() if name not in sizes}
-    if structure not in POLYNOMIAL_STRUCTURES:
-        for option in (METHOD, TERMS, CANDIDATES):
-            if option.name in named:
-                raise CesError(f"{option.name}: does not apply to structure '{structure}', only to {POLYNOMIALS}")
-    return _with_options(IdentifyOptions(), named), fitter
+
+    structure: str = next(iter(KITS))
+    time: float | None = TIME.default
+    starts: int = STARTS.default
+    seed: int = SEED.default
+    target: float = TARGET.default
+    threads: int | None = THREADS.default
+    certificate: bool = CERTIFICATE.default
+    forget: float = FORGET.default
+    band: bool = BAND.default
+    method: str = METHOD.default
+    terms: int | None = TERMS.default
+    candidates: Path | CandidateRules | None = CANDIDATES.default
+    blend: tuple[str, ...] = BLEND.default
+    split: float | None = SPLIT.default
+    speed: str | None = SPEED.default
+    weight: tuple[str, ...] | Weighting = WEIGHT.default
+    rate: float | None = RATE.default
+    delay: float = DELAY.default
+    ignore_findings: bool = IGNORE_FINDINGS.default
+    sizes: Mapping[str, Size] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any], base: IdentifyRequest | None = None) -> IdentifyRequest:
+        """Return the request for values by the names of options; what is not given, or None, is as in `base`.
+
+        Raises CesError that names the option at fault: its value is wrong, or it does not apply to the structure.
+        """
+        base, options = base or cls(), {one.name: one for one in list_options() if one.name != TEACHER.name}
+        values = {name: _read(options, name, value) for name, value in given.items() if value is not None}
+        structure = values.get(STRUCTURE, base.structure)
+        for name in values:
+            if (only := _structure_of(name)) and structure not in (only, AUTO):
+                chosen = OptionName(STRUCTURE, only)
+                others = f" or {AUTO}, not to {structure}; remove it"
+                raise CesError(OptionName(name), " applies to ", chosen, others)
+        own = {one.name for one in fields(cls)}
+        sizes = {name: value for name, value in values.items() if name not in own}
+        own_values = {name: value for name, value in values.items() if name in own}
+        return replace(base, **own_values, sizes={**base.sizes, **sizes})
+
+    @classmethod
+    def of_settings(cls, settings: IdentifyOptions) -> IdentifyRequest:
+        """Return the request that has these settings."""
+        values = {**vars(settings), **vars(settings.limits)}
+        own = {one.name: values[one.name] for one in fields(cls) if one.name in values}
+        return cls(**{**own, "time": None if settings.limits.time == inf else settings.limits.time})
+
+    def options(self, base: IdentifyOptions | None = None) -> IdentifyOptions:
+        """Return the settings of an identification, with what no option says as in `base`; raises CesError."""
+        base = base or IdentifyOptions()
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        rules = self.candidates
+        if not isinstance(rules, CandidateRules):
+            rules = load_rules(rules, self.method)
+        weight = self.weight if isinstance(self.weight, Weighting) else parse_weighting(self.weight)
+        values |= {"candidates": reduce(add_blend, self.blend, rules), "weight": weight}
+        values |= {"time": inf if self.time is None else self.time, "threads": self.threads or os.cpu_count() or 1}
+        limits = replace(base.limits, **{f.name: values[f.name] for f in fields(Limits) if f.name in values})
+        own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
+        return replace(base, **{**own, "limits": limits})
+
+    @property
+    def all_sizes(self) -> dict[str, Size]:
+        """The sizes of all structures, those that are not given with their defaults."""
+        return {**default_sizes(), **self.sizes}
+
+    def fitter(self) -> Fitter:
+        """Return the fitter of the structure; raises CesError for a size that it cannot have."""
+        try:
+            return (BestStructure if self.structure == AUTO else KITS[self.structure].fitter)(self.all_sizes)
+        except ValueError as error:
+            raise CesError(OptionName(STRUCTURE, self.structure), f": {error}") from None
 
 
-_LIMIT_NAMES = {field.name for field in fields(Limits)}
-_OPTION_NAMES = {field.name for field in fields(IdentifyOptions)} - {"limits"}
-_OBJECTS = ("weight", "candidates")  # options that may be texts or objects
-
-
-def _with_options(options: IdentifyOptions, named: Mapping[str, Any]) -> IdentifyOptions:
-    """Return the options with the values that were given by name; weights and candidate rules may be texts.
-
-    None leaves a value as it is.
-    """
-    if not isinstance(options, IdentifyOptions):
-        raise CesError(f"options: expected IdentifyOptions; got {kind_of(options)}")
-    values = {name: value for name, value in named.items() if value is not None}
-    for option in list_options():
-        if option.name in values and option.name not in _OBJECTS:
-            option.check(values[option.name])
-    if isinstance(weight := values.get("weight"), str | Sequence):
-        values["weight"] = parse_weighting([weight] if isinstance(weight, str) else weight)
-    if isinstance(rules := values.get("candidates"), str | os.PathLike):
-        values["candidates"] = load_rules(Path(rules), values.get("method", options.limits.method))
-    limits = {name: value for name, value in values.items() if name in _LIMIT_NAMES}
-    own = {name: value for name, value in values.items() if name not in _LIMIT_NAMES}
-    return replace(options, limits=replace(options.limits, **limits), **own)
-
-
-def _find_fitter(structure: str, sizes: Mapping[str, Size]) -> Fitter:
-    """Return the fitter of a structure with the given sizes; raises CesError naming what is unknown."""
-    if structure != AUTO and structure not in KITS:
-        raise CesError(f"structure '{structure}' is unknown; expected one of {', '.join([*KITS, AUTO])}")
-    defaults = default_sizes() if structure == AUTO else {size.name: size.default for size in KITS[structure].sizes}
-    if not sizes.keys() <= defaults.keys():
-        raise CesError(f"structure '{structure}' has no size {', '.join(sizes.keys() - defaults.keys())}")
+def _read(options: Mapping[str, Option], name: str, value: Any) -> Any:
+    """Return the checked value of an option, a list as a tuple; raises CesError that names the option."""
+    if name not in options:
+        raise CesError(OptionName(name), f" is unknown; known are {', '.join(options)}")
+    if isinstance(value, Weighting | CandidateRules):
+        return value
+    if options[name].many and isinstance(value, str):
+        value = [value]
     try:
-        return (
-            BestStructure({**defaults, **sizes}) if structure == AUTO else KITS[structure].fitter({**defaults, **sizes})
-        )
-    except ValueError as error:
-        raise CesError(f"structure '{structure}': {error}") from None
+        read = options[name].read(value)
+    except FieldError as error:
+        raise CesError(OptionName(name), f"{error.place}{error.words}") from None
+    return Path(read) if options[name].kind is Path else read
+
+
+def _structure_of(name: str) -> str:
+    """Return the structure to which alone an option applies, empty if it applies to all."""
+    if name in (METHOD.name, TERMS.name, CANDIDATES.name, BLEND.name):
+        return POLYNOMIAL.option
+    return next((kit.option for kit in KITS.values() if name in {size.name for size in kit.sizes}), "")

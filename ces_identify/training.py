@@ -18,8 +18,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.limits import TickLimits
-from ces_identify.numerics.core import compiled, pointer, run_batch, with_names
+from ces_identify.numerics.core import compile_tick, pointer, run_batch, with_names
 from ces_identify.numerics.least_squares import (
     BLOCK,
     NO_MODEL,
@@ -32,7 +31,7 @@ from ces_identify.numerics.least_squares import (
 )
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.prepare.cost import EQUAL, Weighting
-from ces_identify.prepare.series import Series
+from ces_identify.prepare.series import Series, changes
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.lagged_signals import RINGS, Regressor
@@ -41,9 +40,8 @@ from ces_observer.structures.terms import Term
 from ces_observer.tick.lagged import LAGGED_PHI
 
 SIGNALS = ("position", "speed", "current")
-ROUND_ZERO = 0.25  # share of the force envelope's range by which it extends beyond 0, where every run starts
+DECAY = 3e-6  # [(J / 100)^2] cost of a squared parameter, by which unused ones fade
 LOOSE = 1e3  # limit of the force in a descent, in standard deviations
-MAX_GAIN = 0.98  # of the past forces: less than 1, so that the bound on the force is useful
 
 
 @dataclass(frozen=True)
@@ -96,6 +94,11 @@ class Training:
     scale_N: float
 
     @property
+    def everything(self) -> F:
+        """Weights (ticks,) of all scored ticks."""
+        return self.estimation + self.selection
+
+    @property
     def loose(self) -> Range:
         """Bounds [N] of the force during a descent, which may leave the force envelope for a while."""
         return -LOOSE * self.scale_N, LOOSE * self.scale_N
@@ -125,8 +128,7 @@ class Training:
 
     def changing_inputs(self) -> set[str]:
         """Return the names of the inputs that are not constant."""
-        ranges = {name: (np.ptp(row), np.abs(row).max()) for name, row in zip(SIGNALS, self.inputs, strict=True)}
-        return {name for name, (span, size) in ranges.items() if span > TickLimits.MIN_CHANGE * max(1e-9, size)}
+        return {name for name, row in zip(SIGNALS, self.inputs, strict=True) if changes(row)}
 
 
 def build_regressors(data: Training, lags: Lags | LagCounts, rate_Hz: float) -> tuple[Regressor, ...]:
@@ -146,17 +148,15 @@ def build_training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Tr
     """Return the data to fit to; raises RecordingError if there is too little."""
     problem = assemble_problem(series, (Term(1.0, ()),), weighting=weighting)
     scored = problem.everything > 0.0
-    low, high = problem.force_envelope
-    reach = ROUND_ZERO * (high - low)
     return Training(
-        inputs=np.stack([np.concatenate([getattr(s, name) for s in series]) for name in SIGNALS]),
+        inputs=np.concatenate([s.inputs for s in series], axis=1),
         measured=problem.measured,
         segments=problem.segments,
         recordings=problem.recordings,
         estimation=np.where(problem.selection > 0.0, 0.0, problem.everything),
         selection=problem.selection,
         envelope=problem.envelope,
-        force_envelope=(min(low, -reach), max(high, reach)),
+        force_envelope=problem.force_envelope,
         scale_N=float(problem.measured[scored].std()),
     )
 
@@ -258,7 +258,7 @@ def normal_equations(force: Callable[..., float], fill_slopes: Callable[..., Non
     past_spreads, row, gains)` is a kernel that is called after it: it fills `row` (parameters,) with the derivatives of
     this force y by the parameters, and `gains` (regressors,) with those by the past forces.
     """
-    names = {"_force": compiled(force), "_fill_slopes": fill_slopes}
+    names = {"_force": compile_tick(force), "_fill_slopes": fill_slopes}
     return with_names(_normal_equations, f"normal_equations_{force.__name__}", names)
 
 

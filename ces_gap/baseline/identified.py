@@ -24,11 +24,11 @@ from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, resample_to_grid
 from ces_identify.identification import cross_fit
 from ces_identify.numerics.search import Limits, SearchResult
-from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import sample_force, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.structures.auto import AUTO, BestStructure, default_sizes, select_fitter
 from ces_identify.structures.kit import Fitter, IdentifyOptions
+from ces_identify.validation.band import band_half_width
 from ces_observer.model import Model
 
 MODEL = "model.json"

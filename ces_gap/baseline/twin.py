@@ -22,9 +22,8 @@ from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.effects.network import TwinRun
 from ces_gap.grid import thin_out
-from ces_gap.limits import RecordingLimits, TwinLimits
-from ces_gap.trace import Trace, TraceInputs
-from ces_identify.prepare.series import hold_current
+from ces_gap.limits import TwinLimits
+from ces_gap.trace import Trace, TraceInputs, bridge_current
 from ces_observer.errors import ModelError
 from ces_observer.fields import Field
 from ces_observer.records import Record, bounded, part, read_document, write_record
@@ -73,13 +72,7 @@ class Twin(TraceSimulator):
 
     def as_json(self) -> dict[str, Any]:
         """Return the twin as plain values."""
-        return {
-            "schema": SCHEMA,
-            "tick_s": self.tick_s,
-            "cost_J": self.cost_J,
-            "column_s2": self.column_s2,
-            **write_record(self.body),
-        }
+        return {"schema": SCHEMA, **write_record(self), "column_s2": self.column_s2}
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], where: str = "twin") -> Twin:
@@ -102,7 +95,7 @@ class TraceTwin(TraceSimulator):
         return make_run(self.twin, self.trace)
 
     @cached_property
-    def recorded(self) -> F:
+    def recorded_force(self) -> F:
         """The twin's force [N] (n,) for the recorded inputs."""
         return self._on_grid(self.run)
 
@@ -110,7 +103,7 @@ class TraceTwin(TraceSimulator):
         """Return the simulated force [N] (n,) for the inputs."""
         if inputs is self.trace.inputs:
             return self.trace.simulated
-        error = self.trace.simulated - self.recorded
+        error = self.trace.simulated - self.recorded_force
         return self._on_grid(self._with(inputs)) + carry_error(error, self.trace, inputs)
 
     def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
@@ -120,10 +113,10 @@ class TraceTwin(TraceSimulator):
     def change(self, trace: Trace, inputs: TraceInputs, composition: Composition) -> F:
         """Return the change of force [N] (n,) by the effects of a composition that lie inside."""
         plain = self._with(inputs)
-        after, share = self._on_grid(composition.edit(plain)), composition.replaced
+        after, share = self._on_grid(composition.edit(plain)), composition.network_share
         if share:
             return np.asarray(share * (after - self.force(trace, inputs)))
-        before = self.recorded if inputs is self.trace.inputs else self._on_grid(plain)
+        before = self.recorded_force if inputs is self.trace.inputs else self._on_grid(plain)
         return np.asarray(after - before)
 
     def _with(self, inputs: TraceInputs) -> TwinRun:
@@ -167,13 +160,7 @@ def sample_inputs(trace: Trace, steps: int) -> tuple[F, F, F, float]:
     step_s = float(base[1] - base[0]) / steps
     time_s = np.arange((len(base) - 1) * steps + 1) * step_s
     motion, inside = CubicSpline(trace.time_s, trace.inputs.position), np.minimum(time_s, trace.time_s[-1])
-    start_ns = int(trace.recording.channel("position").stamps_ns[0])
-    current = hold_current(
-        trace.recording, start_ns + np.round(base * 1e9).astype(np.int64), RecordingLimits.CURRENT_AGE_S
-    )
-    finite = np.isfinite(current)
-    current = np.interp(base, base[finite], current[finite]) if finite.any() else np.zeros_like(base)
-    current = np.repeat(current, steps)[: len(time_s)]
+    current = np.repeat(bridge_current(trace.recording, base)[0], steps)[: len(time_s)]
     return motion(inside), motion(inside, 1), current, step_s
 
 

@@ -56,12 +56,6 @@ class FittedParameter:
     matters: bool = False
 
     @property
-    def is_hidden(self) -> bool:
-        """Whether it is clearly off, by itself: a remark where the gap is none."""
-        is_changed = not self.ci95[0] <= self.default <= self.ci95[1]
-        return is_changed and abs(self.value - self.default) > ParameterLimits.OFF * abs(self.default)
-
-    @property
     def is_doubtful(self) -> bool:
         """Whether it is at its bound, or far from its default."""
         ratio, most = self.value / self.default if self.default else 1.0, ParameterLimits.DOUBTFUL
@@ -146,7 +140,7 @@ def calibrate(
         progress(f"fitting{told}", k / len(free.trials))
         results.append(fit_parameters(simulation, free, fitted, whole))
     best = min(results, key=lambda result: result.cost)
-    effects = [e for e in library() if not e.edits and not (e.reruns and seconds > ParameterLimits.SLOW_S)]
+    effects = _list_affordable(library(), None, seconds)
     if seconds > ParameterLimits.SLOW_S:
         free = replace(
             free, notes=(*free.notes, "effects that run the slow simulation again were not tried beside them")
@@ -200,31 +194,25 @@ def free_parameters(
     progress(f"fitting the simulation's parameters{tell_time(runs, seconds)}", 0.0)
     remembered, traces = RememberedSimulation(simulation), traces if has_held_out else set_aside(traces)[0]
     fitted = fit_parameters(remembered, free, traces, {}, twin)
-    tried = [
-        e for e in effects if not (e.edits and twin is None) and not (e.reruns and seconds > ParameterLimits.SLOW_S)
-    ]
-    choice = choose(fitted, tried, progress)
+    choice = choose(fitted, _list_affordable(effects, twin, seconds), progress)
     best, *others = (_as_alternative(fitted, h) for h in (choice.best, *choice.alternatives))
     changed = simulation.with_values({p.name: p.value for p in best.parameters})
-    every = Hypothesis(fitted.determined, None, fitted.fit, 0.0)
-    hidden = [p for p in estimate(fitted, every) if p.is_hidden] if choice.best.fit is None else []
     return FreedParameters(
         simulation=changed,
         freed=best.parameters,
         setting=best.freed,
         effect=best.effect.name if best.effect else "",
         alternatives=tuple(others),
-        notes=(*free.notes, *map(_note_hidden, hidden)),
+        notes=free.notes,
         competed=True,
         pairs=tuple((best.only, other.only) for other in others if best.only and other.only),
     )
 
 
-def _note_hidden(p: FittedParameter) -> str:
-    return (
-        f"{p.name}: {p.value:.4g} ({p.ci95[0]:.4g} to {p.ci95[1]:.4g}) fits better than {p.default:.4g}, but what it "
-        "changes lies within twice the noise"
-    )
+def _list_affordable(effects: Sequence[Effect], twin: TraceSimulator | None, seconds: float) -> list[Effect]:
+    """Return the effects that are tried: those inside with a twin only, none that runs a slow simulation again."""
+    is_slow = seconds > ParameterLimits.SLOW_S
+    return [e for e in effects if not (e.edits and twin is None) and not (e.reruns and is_slow)]
 
 
 def tell_time(runs: int, seconds: float) -> str:
@@ -258,7 +246,7 @@ def _assemble(
     alternatives = tuple(_as_alternative(best, h) for h in choice.alternatives)
     series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
     if isinstance(calibrated, RememberedSimulation):
-        calibrated = calibrated.changed
+        calibrated = calibrated.with_own_values
     facts = tuple(groups), before_N, after_N, noise_N, missing, alternatives, notes, best.is_smoothed, series
     return Calibration(spec, calibrated, parameters, *facts)
 

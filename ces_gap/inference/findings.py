@@ -14,12 +14,12 @@ from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters
 from ces_gap.inference.judgement import (
-    WITHIN_TIMING,
     GapSize,
     Judgement,
     OddsWeights,
     SearchFindings,
     VerdictFigures,
+    Within,
     probabilities,
 )
 from ces_gap.inference.search import (
@@ -132,7 +132,7 @@ def timing_notes(result: EffectSearchResult, judgement: Judgement) -> tuple[str,
     """Return a note on the simulation's timing where it is all or a part of the gap."""
     best = () if result.best is None else result.best.composition.settings
     fits = [f.composition.settings[0] for f in result.alone if f.effects[0].nuisance]
-    settings = [s for s in best if s.effect.nuisance] or (fits if judgement.reason == WITHIN_TIMING else [])
+    settings = [s for s in best if s.effect.nuisance] or (fits if judgement.reason == Within.TIMING else [])
     if not settings:
         return ()
     skew, spread = settings[0].values

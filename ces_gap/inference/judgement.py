@@ -21,9 +21,20 @@ from ces_gap.limits import SearchLimits
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
 CALIBRATION, TIMING, PARAMETERS = "calibration", "simulation_timing", "parameters"  # errors of the simulation itself
-WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE = "tolerance", "noise", "timing", "baseline_error"
-ALTERNATIVES, SIMULATION_ERROR, REMAINS = "alternatives", "simulation_error", "remains"
-NOT_CONFIRMED, UNDETERMINED, LEAVES_MORE, UNCERTAIN = "not_confirmed", "undetermined", "leaves_more", "uncertain"
+
+
+class Within:
+    """What a gap that is none lies within."""
+
+    TOLERANCE, NOISE, TIMING, BASELINE_ERROR = "tolerance", "noise", "timing", "baseline_error"
+
+
+class Doubt:
+    """What keeps a cause from being named."""
+
+    ALTERNATIVES, SIMULATION_ERROR, REMAINS = "alternatives", "simulation_error", "remains"
+    NOT_CONFIRMED, UNDETERMINED, LEAVES_MORE = "not_confirmed", "undetermined", "leaves_more"
+    UNCERTAIN = "uncertain"
 
 
 MIN_PROBABILITY = 1e-12  # of a cause that was found, so that shares of it are defined

@@ -14,29 +14,20 @@ import math
 from collections.abc import Sequence
 
 from ces_gap.inference.judgement import (
-    ALTERNATIVES,
     AMBIGUOUS,
     CALIBRATION,
-    LEAVES_MORE,
     NAMED,
     NO_GAP,
-    NOT_CONFIRMED,
     PARAMETERS,
-    REMAINS,
-    SIMULATION_ERROR,
     TIMING,
-    UNCERTAIN,
-    UNDETERMINED,
     UNKNOWN,
-    WITHIN_BASELINE,
-    WITHIN_NOISE,
-    WITHIN_TIMING,
-    WITHIN_TOLERANCE,
     ClosedShare,
+    Doubt,
     GapSize,
     Judgement,
     Probabilities,
     VerdictEvidence,
+    Within,
     probability_below,
 )
 from ces_gap.limits import SearchLimits, VerdictLimits
@@ -119,14 +110,14 @@ def _find_no_gap_reason(e: VerdictEvidence, is_improbable: bool) -> str:
     Beyond the tolerance there is none only if a gap `is_improbable`, too, and noise that nothing measured is no reason.
     """
     if all(s.gap_N <= e.search.tolerance_N for s in e.sizes):
-        return WITHIN_TOLERANCE
+        return Within.TOLERANCE
     if not is_improbable:
         return ""
     if e.search.has_references:
-        return WITHIN_BASELINE if all(s.gap_N <= e.search.visible_from_N for s in e.sizes) else ""
+        return Within.BASELINE_ERROR if all(s.gap_N <= e.search.visible_from_N for s in e.sizes) else ""
     if all(_is_within_noise(s, s.timed_N) for s in e.sizes):
-        return WITHIN_NOISE if all(s.gap_N <= s.noise_N for s in e.sizes) else WITHIN_TIMING
-    return WITHIN_BASELINE if e.may_be_own_error else ""
+        return Within.NOISE if all(s.gap_N <= s.noise_N for s in e.sizes) else Within.TIMING
+    return Within.BASELINE_ERROR if e.may_be_own_error else ""
 
 
 def confirm_ties(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
@@ -137,12 +128,12 @@ def confirm_ties(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple
     """
     most = 1.0 - max(e.search.twin_error, 0.0)
 
-    def seen(closed: ClosedShare) -> ClosedShare:
+    def limit_share(closed: ClosedShare) -> ClosedShare:
         return ClosedShare(*(min(share, most) for share in (closed.value, closed.low, closed.high)))
 
     def is_rejected(member: str, name: str) -> bool:
         is_scored = {*e.composition} == {member} and name in e.closed_alone
-        return is_scored and leaves_clearly_more(seen(e.closed_alone[name]), seen(e.closed))
+        return is_scored and leaves_clearly_more(limit_share(e.closed_alone[name]), limit_share(e.closed))
 
     close = [(member, *(n for n in names if not is_rejected(member, n))) for member, *names in groups]
     return tuple(group for group in close if len(group) > 1)
@@ -191,13 +182,13 @@ def _find_doubts(
         math.sqrt(missed) * e.held_out.gap_N > e.in_band_N
     )
     doubts = {
-        ALTERNATIVES: alternatives or None,
-        SIMULATION_ERROR: tuple({CALIBRATION} & {*others}) if error > cause or _may_be_error(e) else None,
-        NOT_CONFIRMED: None if e.closed.low > 0.0 else (),
-        UNDETERMINED: () if e.is_undetermined else None,
-        LEAVES_MORE: None if e.closed.value >= VerdictLimits.HALF else (),
-        REMAINS: () if remains or e.leaves_rare else None,
-        UNCERTAIN: None if is_known and 1.0 - odds.none >= weights.least_gap else (),
+        Doubt.ALTERNATIVES: alternatives or None,
+        Doubt.SIMULATION_ERROR: tuple({CALIBRATION} & {*others}) if error > cause or _may_be_error(e) else None,
+        Doubt.NOT_CONFIRMED: None if e.closed.low > 0.0 else (),
+        Doubt.UNDETERMINED: () if e.is_undetermined else None,
+        Doubt.LEAVES_MORE: None if e.closed.value >= VerdictLimits.HALF else (),
+        Doubt.REMAINS: () if remains or e.leaves_rare else None,
+        Doubt.UNCERTAIN: None if is_known and 1.0 - odds.none >= weights.least_gap else (),
     }
     return {doubt: names for doubt, names in doubts.items() if names is not None}
 

@@ -78,29 +78,12 @@ def prepare_recordings(
     `uncalibrated` simulation, if given; its twin is near enough for effects inside.
     """
     original, known_twin = uncalibrated or (simulation, None)
-    roles = [(real, not held_out), (held_out, True), (reference, False)]  # True: needs the force on the logged position
-    count, done = len(real) + len(held_out) + len(reference), 0
-    traces: list[list[Trace]] = []
-    for recordings, also_as_logged in roles:
-        traces.append([])
-        for recording in recordings:
-            progress(f"simulating {recording.name}", done / count)
-            trace = exclude_saturated_ticks(open_trace(original, recording, also_as_logged))
-            if original is not simulation:
-                trace = with_simulation(trace, simulation.force(trace.recording))
-            require_usable(trace)
-            traces[-1].append(trace)
-            done += 1
-    fitted, held, references = traces
+    roles = [(real, not held_out), (held_out, True), (reference, False)]
+    fitted, held, references = _open_traces(original, simulation, roles, progress)
     references = [add_left_out_force(simulation, trace) for trace in references]
     if not held:
         fitted, held = set_aside(fitted)
-    seconds = sum(float(t.usable.sum()) / t.rate_Hz for t in fitted)
-    if seconds < RecordingLimits.MIN_FIT_S:
-        raise GapError(
-            f"{', '.join(t.name for t in fitted)}: {seconds:.1f} s remain for the fit; "
-            f"expected at least {RecordingLimits.MIN_FIT_S:g} s; pass longer or more --real recordings"
-        )
+    _require_time(fitted)
     progress("probing the simulation", 0.0)
     probed, simulation = correct_inputs(simulation, fitted, references)
     if probed.corrected:
@@ -111,16 +94,47 @@ def prepare_recordings(
         fitted, held = ([add_own_error(simulation, t) for t in traces] for traces in (fitted, held))
     exact = None if find_predictions(simulation) is not None else DirectSimulator(simulation)
     is_slow = exact is None or runs_slowly(exact, fitted)
-    twin, everything = None, [*fitted, *held, *references]
-    if known_twin is not None and not is_slow:
-        twin = known_twin
-    elif needs_twin or is_slow:
+    twin = known_twin if not is_slow else None
+    if twin is None and (needs_twin or is_slow):
+        everything = [*fitted, *held, *references]
         twin = find_own_twin(simulation, everything) or find_twin(everything, threads, progress)
     cheap = twin if is_slow and twin is not None else exact
     if cheap is None:
         raise GapError(f"{', '.join(t.name for t in fitted)}: hardly any motion; expected strokes of the damper")
     is_corrected = bool(references or probed.corrected or original is not simulation)
     return DiagnosisInput(tuple(fitted), tuple(held), tuple(references), exact, cheap, twin, probed, is_corrected)
+
+
+def _open_traces(
+    original: Simulation, changed: Simulation, roles: Sequence[tuple[Sequence[Recording], bool]], progress: Progress
+) -> list[list[Trace]]:
+    """Return the traces of the recordings of each role, and with the `changed` simulation if it is another one.
+
+    A role that needs it has the force of the original one on the logged position, too.
+    """
+    count, done = sum(len(recordings) for recordings, _ in roles), 0
+    traces: list[list[Trace]] = []
+    for recordings, also_as_logged in roles:
+        traces.append([])
+        for recording in recordings:
+            progress(f"simulating {recording.name}", done / count)
+            trace = exclude_saturated_ticks(open_trace(original, recording, also_as_logged))
+            if original is not changed:
+                trace = with_simulation(trace, changed.force(trace.recording))
+            require_usable(trace)
+            traces[-1].append(trace)
+            done += 1
+    return traces
+
+
+def _require_time(fitted: Sequence[Trace]) -> None:
+    """Raise GapError if too few seconds are usable for the fit."""
+    seconds = sum(float(t.usable.sum()) / t.rate_Hz for t in fitted)
+    if seconds < RecordingLimits.MIN_FIT_S:
+        raise GapError(
+            f"{', '.join(t.name for t in fitted)}: {seconds:.1f} s remain for the fit; "
+            f"expected at least {RecordingLimits.MIN_FIT_S:g} s; pass longer or more real recordings"
+        )
 
 
 def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:

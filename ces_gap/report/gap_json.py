@@ -17,7 +17,7 @@ import numpy as np
 
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, calibration_cells, find_best_other
 from ces_gap.errors import GapError
-from ces_gap.inference.judgement import WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_TOLERANCE
+from ces_gap.inference.judgement import Within
 from ces_gap.inputs.probe_result import CURRENT_MEANINGS
 from ces_gap.report.formatting import AXES
 from ces_observer.fields import Field, Schema
@@ -220,7 +220,7 @@ HELD_OUT = record_of(
     sha256=(TEXT, "trace.recording.sha256"),
     usable_s=(POSITIVE, lambda series: float(series.trace.usable.sum()) * series.trace.step_s),
 )
-REASONS = word("", WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE)
+REASONS = word("", Within.TOLERANCE, Within.NOISE, Within.TIMING, Within.BASELINE_ERROR)
 GAP = record_of(
     verdict=word(NAMED, AMBIGUOUS, UNKNOWN, NO_GAP),
     sentence=TEXT,

@@ -12,23 +12,15 @@ from ces_gap.calibrate.calibration import FittedParameter, FreedParameters
 from ces_gap.diagnosis import Diagnosis, Estimate, Explanation, calibration_cells, find_closest
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.inference.judgement import (
-    ALTERNATIVES,
     AMBIGUOUS,
     CALIBRATION,
-    LEAVES_MORE,
     NAMED,
     NO_GAP,
-    NOT_CONFIRMED,
     PARAMETERS,
-    REMAINS,
-    SIMULATION_ERROR,
     TIMING,
-    UNCERTAIN,
-    UNDETERMINED,
     UNKNOWN,
-    WITHIN_BASELINE,
-    WITHIN_NOISE,
-    WITHIN_TOLERANCE,
+    Doubt,
+    Within,
 )
 from ces_gap.limits import VerdictLimits
 from ces_gap.report.calibration import describe_alternative, describe_setting, describe_values
@@ -118,23 +110,23 @@ def _describe_no_gap(diagnosis: Diagnosis) -> str:
     gap, reason = diagnosis.gap, diagnosis.no_gap_reason
     left_N = min(gap.corrected_N, gap.rms_N)
     noise = f"the measurement noise of {gap.noise_floor_N:.1f} N RMS (from {gap.noise_source})"
-    if reason == WITHIN_TOLERANCE:
+    if reason == Within.TOLERANCE:
         limit = f"the tolerance of {diagnosis.tolerance_N:.1f} N"
         if diagnosis.probe.corrected and gap.rms_N > diagnosis.tolerance_N:
             return f"No gap beyond the timing of the simulation's inputs: {left_N:.1f} N RMS remain, within {limit}."
         return f"No gap above {limit}: {left_N:.1f} N RMS between simulation and measurement."
     errors_N = [float(f"{s.trace.own_error_N:.3g}") for s in diagnosis.held_out]
-    if reason == WITHIN_BASELINE and any(errors_N):
+    if reason == Within.BASELINE_ERROR and any(errors_N):
         own = f"the model's own error of {format_range(min(errors_N), max(errors_N))} N"
         hidden = f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen"
         return f"No gap: {left_N:.0f} N RMS between simulation and measurement, within {own}; {hidden} behind it."
-    if reason == WITHIN_BASELINE:
+    if reason == Within.BASELINE_ERROR:
         left, whole = f"{left_N:.0f} N", f"{gap.rms_N:.0f} N RMS"
         explained = f"the references explain all but {left} of the {whole}"
         explained = f"{whole} are left, as on references" if f"{left} RMS" == whole else explained
         hidden = f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen"
         return f"No gap beyond the simulation's own error: {explained}; {hidden} behind this simulation's error."
-    if reason == WITHIN_NOISE:
+    if reason == Within.NOISE:
         return f"No gap: {left_N:.1f} N RMS remain, within {noise}."
     timed = f"corrected, {diagnosis.timed_N:.1f} of {left_N:.1f} N RMS remain, within {noise}"
     return f"No gap beyond the simulation's timing of at most a sample: {timed}."
@@ -149,23 +141,23 @@ def _causes(diagnosis: Diagnosis, explanation: Explanation) -> list[str]:
 def _describe_ambiguity(diagnosis: Diagnosis) -> str:
     """Return what keeps a cause from being named."""
     effects, others = _causes(diagnosis, diagnosis.composition), diagnosis.alternatives
-    if diagnosis.doubt == ALTERNATIVES:
+    if diagnosis.doubt == Doubt.ALTERNATIVES:
         after = {c.effects[0]: c.gap_after_N for c in diagnosis.causes}
         group = next((g for g in diagnosis.indistinguishable if set(g) & set(effects) and set(g) & set(others)), ())
         alike = sorted({*group} & {*effects, *others}, key=lambda e: (after.get(e, np.inf), e))
         if alike:
             return f"these recordings cannot distinguish between {_join(alike, 'and')}"
         return f"these recordings do not rule out {_join(others, 'or')}"
-    if diagnosis.doubt == SIMULATION_ERROR:
+    if diagnosis.doubt == Doubt.SIMULATION_ERROR:
         imitated = [e for e in effects if e in diagnosis.not_separable]
         return f"{_join(imitated or effects, 'and')} may be an error of the simulation itself"
-    if diagnosis.doubt == REMAINS:
+    if diagnosis.doubt == Doubt.REMAINS:
         rest = f", as a learner without physics leaves {newtons(diagnosis.ceiling_after_N)}"
         return f"something else remains beside {_join(effects, 'and')}{'' if diagnosis.rare else rest}"
     return {
-        NOT_CONFIRMED: "the held-out recordings do not confirm the best explanation",
-        UNDETERMINED: "the interval of an effect's size includes no effect",
-        LEAVES_MORE: "the best explanation leaves more of the gap's energy than it closes",
+        Doubt.NOT_CONFIRMED: "the held-out recordings do not confirm the best explanation",
+        Doubt.UNDETERMINED: "the interval of an effect's size includes no effect",
+        Doubt.LEAVES_MORE: "the best explanation leaves more of the gap's energy than it closes",
     }.get(diagnosis.doubt, "the best explanation is not certain enough to be named")
 
 
@@ -216,7 +208,7 @@ def _add_parameters(d: Diagnosis, chosen: FreedParameters, parameters: Explanati
     text += f"Beside {_count(chosen)}: {_lower(format_verdict(beyond))}{describe_rare(d)}"
     d, tenth = replace(d, sentence=text, composition=_combine(parameters, d.composition)), VerdictLimits.TENTH
     if d.verdict == UNKNOWN and d.gap.corrected_N <= max(d.tolerance_N, tenth * d.gap.rms_N):
-        return replace(d, verdict=AMBIGUOUS, doubt=REMAINS, probability_unknown=min(d.probability_unknown, tenth))
+        return replace(d, verdict=AMBIGUOUS, doubt=Doubt.REMAINS, probability_unknown=min(d.probability_unknown, tenth))
     return d
 
 
@@ -293,12 +285,12 @@ def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
         names = [PARAMETERS if a.effect is None else a.effect.name for a in instead]
         others = tuple(dict.fromkeys((*others, *(n for n in names if n not in d.composition.effects))))
         text += f" As much would be explained by {'; or by '.join(map(describe_alternative, instead))}."
-        verdict, doubt = AMBIGUOUS, ALTERNATIVES
+        verdict, doubt = AMBIGUOUS, Doubt.ALTERNATIVES
         d = replace(d, explained_as_well=tuple(alternative.names for alternative in instead))
     if doubts:
         verb = "lies" if len(doubts) == 1 else "lie"
         text += f" {join_with(doubts)} {verb} at a bound or far from the default: a sign that something is missing."
-        verdict, doubt = (AMBIGUOUS, doubt or UNCERTAIN) if verdict == NAMED else (verdict, doubt)
+        verdict, doubt = (AMBIGUOUS, doubt or Doubt.UNCERTAIN) if verdict == NAMED else (verdict, doubt)
     return replace(d, sentence=text, verdict=verdict, doubt=doubt, alternatives=others)
 
 

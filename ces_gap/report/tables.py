@@ -104,21 +104,17 @@ def parameter_list(parameters: Sequence[ParameterText]) -> Markup:
     return Markup('<ul class="parameters">{}</ul>').format(Markup("").join(p.to_html() for p in parameters))
 
 
-def _with_small(text: str, small: str) -> Markup:
-    return Markup("{}<small>{}</small>").format(text, small)
-
-
 CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     Column(
         "Cause",
         lambda r: f"{r.effect} ({r.form})" if r.form else r.effect,
-        html=lambda r: _with_small(r.effect, " · ".join(filter(None, (r.what, r.form)))),
+        html=lambda r: Markup("{}<small>{}</small>").format(r.effect, " · ".join(filter(None, (r.what, r.form)))),
         css="cause",
     ),
     Column(
         "Probability [%]",
         lambda r: r.percent,
-        html=lambda r: BAR.format(r.percent, 100.0 * r.probability) if r.probability is not None else Markup(""),
+        html=lambda r: BAR.format(r.percent, 100.0 * r.probability, "") if r.probability is not None else Markup(""),
         css="chance-of",
     ),
     Column(
@@ -130,9 +126,9 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     Column("Gap left [N]", lambda r: three_figures(r.cause.gap_after_N) if r.cause else "", figure=True),
     Column(
         "Shrink [%]",
-        lambda r: f"{percent(c.shrink)} ({percents(c.shrink_ci95)})" if (c := r.cause) else "",
+        lambda r: percent(r.cause.shrink) if r.cause else "",
         figure=True,
-        html=lambda r: _with_small(percent(c.shrink), percents(c.shrink_ci95)) if (c := r.cause) else Markup(""),
+        small=lambda r: percents(r.cause.shrink_ci95) if r.cause else "",
         css="shrunk",
     ),
 )
@@ -228,7 +224,7 @@ def composition_table(d: Diagnosis) -> Table[Part] | None:
         (effect_name(e), effect_name(f), describe_parameters(of_effect, s), gap) for e, f, of_effect, s, gap in parts
     ]
     columns: tuple[Column[Part], ...] = (
-        Column("", lambda part: part[0], html=lambda p: _with_small(p[0], p[1]), css="cause"),
+        Column("", lambda part: part[0], small=lambda part: part[1], css="cause"),
         Column("", lambda part: ", ".join(map(str, part[2])), html=lambda part: parameter_list(part[2])),
         Column("Gap without it [N]", lambda part: three_figures(part[3]), figure=True),
     )

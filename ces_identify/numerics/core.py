@@ -37,12 +37,12 @@ def with_names(function: Callable[..., Any], name: str, names: Mapping[str, Any]
 
 
 @cache
-def compiled(function: Callable[..., Any]) -> Any:
+def compile_tick(function: Callable[..., Any]) -> Any:
     """Return a function of the tick compiled by Numba, with all that it calls."""
     if function is part:
         return core_kernel(_part)
     names = {
-        name: compiled(value)
+        name: compile_tick(value)
         for name, value in function.__globals__.items()
         if name in function.__code__.co_names and getattr(value, "__module__", "").startswith(TICK) and callable(value)
     }
@@ -94,7 +94,7 @@ def batch_run(reset: Callable[..., None], tick: Callable[..., float]) -> Any:
     `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; `force` (ticks,) [N] and `held` (ticks,) receive
     the result. From a force that is not finite to the end of its segment, forces are NaN.
     """
-    names = {"structure_reset": compiled(reset), "structure_tick": compiled(tick)}
+    names = {"structure_reset": compile_tick(reset), "structure_tick": compile_tick(tick)}
     return with_names(_run, f"run_{tick.__name__}", names)
 
 

@@ -33,6 +33,8 @@ from scipy.special import fdtri, stdtr, stdtrit
 from ces_data.arrays import F, I, Mask
 from ces_identify.limits import ErrorLimits
 
+BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
+COSINES, MIN_COSINES = 0.6, 4  # times the inverse share: cosines that are used, and at least
 INSIGNIFICANT_IN_A_ROW = 5  # lags: K_N of Politis & White
 FLAT = 0.5  # share of the flat-top window that is flat
 
@@ -126,19 +128,19 @@ class SumError:
 
 def sum_bins(x: F, rate_Hz: float) -> F:
     """Return the sums of x (..., n) over bins of BIN_S; fewer than MIN_BINS are too few for an error."""
-    starts = np.arange(0, x.shape[-1], max(1, round(ErrorLimits.BIN_S * rate_Hz)))
+    starts = np.arange(0, x.shape[-1], max(1, round(BIN_S * rate_Hz)))
     return np.asarray(np.add.reduceat(x, starts, axis=-1))
 
 
 def estimate_sum_error(x: F, seconds: float) -> SumError:
     """Return the error of the sum of x (n,), at least MIN_BINS values that last `seconds`."""
     share = max(ErrorLimits.SLOWEST_S / seconds, ErrorLimits.MIN_SHARE)
-    count = max(ErrorLimits.MIN_COSINES, int(round(ErrorLimits.COSINES / share, 6)))
+    count = max(MIN_COSINES, int(round(COSINES / share, 6)))
     squares = 0.5 * dct(x, type=2)[1 : count + 1] ** 2
     scaled = squares / relative_variances(share, count)
     variance, freedom = float(scaled.mean()), float(count)
     if _is_slower(scaled) and share < ErrorLimits.ALARM_SHARE:
-        few = ErrorLimits.MIN_COSINES
+        few = MIN_COSINES
         slower = float((squares[:few] / relative_variances(ErrorLimits.ALARM_SHARE, few)).mean())
         variance, freedom = max(variance, slower), float(few)
     return SumError(variance, freedom, float(squares.mean()), float(count))

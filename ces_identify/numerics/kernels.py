@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.numerics.core import compiled, core_kernel
+from ces_identify.numerics.core import compile_tick, core_kernel
 from ces_observer.tick.polynomial import power_of
 
 BLOCK = 1024  # ticks per pass, which fit into the first-level cache
@@ -48,7 +48,7 @@ class ScoredRun(NamedTuple):
     bounds: Bounds
 
 
-power_value = compiled(power_of)
+power_value = compile_tick(power_of)
 
 
 @core_kernel
@@ -81,20 +81,20 @@ def _add_product(
         for i in range(n):
             out[i] += scale
     elif count == 1:
-        one = powers[columns[0], k0 - lags[0] : k1 - lags[0]]
+        first = powers[columns[0], k0 - lags[0] : k1 - lags[0]]
         for i in range(n):
-            out[i] += scale * one[i]
+            out[i] += scale * first[i]
     elif count == 2:
-        one = powers[columns[0], k0 - lags[0] : k1 - lags[0]]
-        two = powers[columns[1], k0 - lags[1] : k1 - lags[1]]
+        first = powers[columns[0], k0 - lags[0] : k1 - lags[0]]
+        second = powers[columns[1], k0 - lags[1] : k1 - lags[1]]
         for i in range(n):
-            out[i] += scale * one[i] * two[i]
+            out[i] += scale * first[i] * second[i]
     else:
-        one = powers[columns[0], k0 - lags[0] : k1 - lags[0]]
-        two = powers[columns[1], k0 - lags[1] : k1 - lags[1]]
-        three = powers[columns[2], k0 - lags[2] : k1 - lags[2]]
+        first = powers[columns[0], k0 - lags[0] : k1 - lags[0]]
+        second = powers[columns[1], k0 - lags[1] : k1 - lags[1]]
+        third = powers[columns[2], k0 - lags[2] : k1 - lags[2]]
         for i in range(n):
-            out[i] += scale * one[i] * two[i] * three[i]
+            out[i] += scale * first[i] * second[i] * third[i]
 
 
 @njit(cache=True, nogil=True)

@@ -1,4 +1,4 @@
-"""What searches share: when to stop, the model that a start found, many starts in parallel threads, and their clock.
+"""What searches share: when to stop, starts and the best model of each, many of them in threads, and their clock.
 
 The clock stops while a kernel is compiled, so that the first run on a computer gives the same result as later ones.
 """
@@ -13,18 +13,21 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import inf
+from typing import Any
 
+import numpy as np
 from numba.core import event
 
 from ces_data.arrays import F, I
-from ces_observer.structures.terms import MAX_TERMS
+from ces_observer.limits import FileLimits
 
 GAUSS_NEWTON, THESIS = "gauss-newton", "thesis"
 DEFAULT_TERMS = 25
 RUNNING = "running"  # a start that has not ended
 INTERRUPTED = "interrupted"  # by Ctrl-C: why a start ended
 TIME_IS_UP = "ended by --time: another machine may answer differently"
-WORK_IS_DONE = "its share of the work is done"
+WORK_IS_DONE, STEPS_DONE = "its share of the work is done", "steps exhausted"
+NO_MORE_GAIN = "no more gain on the selection ticks"
 POLL_S = 0.1  # between two checks for Ctrl-C
 LONG_TICKS, MIN_STARTS = 100_000, 2
 METHODS = (GAUSS_NEWTON, THESIS)
@@ -61,7 +64,7 @@ class Limits:
     @property
     def term_limit(self) -> int:
         """Maximum number of terms: by default DEFAULT_TERMS, for the thesis' procedure what a model file can hold."""
-        return self.terms or (MAX_TERMS if self.method == THESIS else DEFAULT_TERMS)
+        return self.terms or (FileLimits.MAX_TERMS if self.method == THESIS else DEFAULT_TERMS)
 
 
 @dataclass(frozen=True)
@@ -91,26 +94,39 @@ def spread_work(limits: Limits, ticks: int) -> Limits:
     return replace(limits, starts=starts, work=scale * limits.work)
 
 
-def reason_to_end(limits: Limits, cost: float, deadline: float, stop: threading.Event) -> str:
-    """Return why a start ends whose lowest cost is `cost` [%]; empty if it goes on."""
-    if stop.is_set():
-        return INTERRUPTED
-    if cost <= limits.target:
-        return "target cost reached"
-    return TIME_IS_UP if clock_s() > deadline else ""
+class SearchStart:
+    """One seeded start until its limits or the `stop` end it, and the `best` model that it has met."""
+
+    def __init__(self, limits: Limits, listener: Listener = lambda result: None, number: int = 0) -> None:
+        self.limits, self.listener, self.seed = limits, listener, limits.seed + number
+        self.deadline, self.stop = clock_s() + limits.time, limits.stop or threading.Event()
+        self.random = np.random.default_rng(self.seed)
+        self.best = SearchResult(np.empty(0, np.int64), np.empty(0), inf, self.seed, 0, RUNNING)
+
+    def keep(self, **changes: Any) -> None:
+        """Change the best model, and tell the listener."""
+        self.best = replace(self.best, **changes)
+        self.listener(self.best)
+
+    def reason_to_end(self) -> str:
+        """Return why the start ends; empty if it goes on."""
+        if self.stop.is_set():
+            return INTERRUPTED
+        if self.best.cost <= self.limits.target:
+            return "target cost reached"
+        return TIME_IS_UP if clock_s() > self.deadline else ""
 
 
-def run_starts(limits: Limits, run: Callable[[int, float, threading.Event], SearchResult]) -> list[SearchResult]:
-    """Call `run(seed, deadline, stop)` for every start in parallel threads; return the results, best first.
+def run_starts(limits: Limits, listener: Listener, run: Callable[[SearchStart], SearchResult]) -> list[SearchResult]:
+    """Call `run` for every start in parallel threads; return the results, best first.
 
-    Ctrl-C sets `stop`; the best so far are returned, or KeyboardInterrupt is raised if there is none. If the time ended
+    Ctrl-C stops all; the best so far are returned, or KeyboardInterrupt is raised if there is none. If the time ended
     one, all of them say so: more time might have made it the best.
     """
     stop = limits.stop or threading.Event()
-    deadline = clock_s() + limits.time
+    own = [SearchStart(replace(limits, stop=stop), listener, number) for number in range(limits.starts)]
     with _stop_on_interrupt(stop), ThreadPoolExecutor(max(1, limits.threads)) as pool:
-        seeds = range(limits.seed, limits.seed + limits.starts)
-        starts = [pool.submit(run, seed, deadline, stop) for seed in seeds]
+        starts = [pool.submit(run, start) for start in own]
         for start in starts:
             while not start.done():  # after Ctrl-C wait only for those that are running: thousands may be queued
                 if stop.is_set():

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from ces_data.arrays import F, I
-from ces_identify.numerics.core import compiled, core_kernel
+from ces_identify.numerics.core import compile_tick, core_kernel
 from ces_identify.physical import valve_kernels as valves
 from ces_observer.structures.hydraulic import SPREAD
 from ces_observer.tick import hydraulic as tick
@@ -34,8 +34,8 @@ from ces_observer.tick.pressures import (
 from ces_observer.tick.pressures import RATIO as RATIOS
 from ces_observer.tick.valve import KEEP, PLAY, PLAYS, SETTING, VALVE_DELAY, VALVE_NODES
 
-hydraulic_reset, hydraulic_tick = compiled(tick.hydraulic_reset), compiled(tick.hydraulic_tick)
-valve_start = compiled(tick_valve.valve_start)
+hydraulic_reset, hydraulic_tick = compile_tick(tick.hydraulic_reset), compile_tick(tick.hydraulic_tick)
+valve_start = compile_tick(tick_valve.valve_start)
 
 # places in `at` of the first column of each group of parameters; those of the valve come first
 LEAD, VISCOUS, MASS, GAS, RATIO, COMPRESSION, REBOUND, MOUNT, CREEP, OIL, PISTON, BASE, EXTERNAL = range(13)
@@ -342,6 +342,6 @@ def run_network(
                     matrix += np.dot(rows.T, rows)
                     used_rows = 0
     if used_rows > 0:
-        rest = rows[:used_rows]
-        matrix += np.dot(rest.T, rest)
+        last_rows = rows[:used_rows]
+        matrix += np.dot(last_rows.T, last_rows)
     return total, most

@@ -59,7 +59,7 @@ class KindStart:
     @property
     def closed(self) -> bool:
         """Whether no valve leads to the reservoir: without a leak, what both chambers store would stay for ever."""
-        return {(one.onward, one.back) for one in (self.base, self.external)} == {(SHUT, SHUT)}
+        return {(edge.onward, edge.back) for edge in (self.base, self.external)} == {(SHUT, SHUT)}
 
 
 STARTS = {

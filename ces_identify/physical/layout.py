@@ -209,11 +209,13 @@ class Layout:
     def values(self, theta: F) -> dict[str, F]:
         """Return the values by the names of groups and edges; those of an edge are nodes (rows, flows)."""
         own, edges = self.split(theta)
-        found = {g.name: g.values(part) for g, part in zip(self.groups, own, strict=True)}
+        values = {g.name: g.values(part) for g, part in zip(self.groups, own, strict=True)}
         for name, edge, part in zip(EDGE_NAMES, self.edges, edges, strict=True):
-            found[name] = edge.rises(part) @ self.to_nodes.T
-        found["friction"] = found["friction"] + self.stiffer_1_m * (found["friction_yield"] + found["friction_moved"])
-        return found
+            values[name] = edge.rises(part) @ self.to_nodes.T
+        values["friction"] = values["friction"] + self.stiffer_1_m * (
+            values["friction_yield"] + values["friction_moved"]
+        )
+        return values
 
     def derivatives(self, theta: F) -> F:
         """Return the derivatives (values, theta) of all values, in the order of the groups and edges."""

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.limits import EnvelopeLimits
 from ces_identify.numerics.core import batch_run, run_batch
 from ces_identify.numerics.least_squares import NormalEquations
 from ces_identify.physical.hydraulic_kernels import Score, run_network
@@ -26,7 +27,8 @@ from ces_identify.physical.layout import (
     positive_group,
 )
 from ces_identify.training import Training
-from ces_observer.structures.curves import MIN_OPENING, Bypass, FlowMap, IncreasingCurve
+from ces_observer.limits import NumberLimits
+from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
 from ces_observer.structures.hydraulic import NEVER_S, Hydraulic
 from ces_observer.structures.physical import LONG_TICK, FrictionElement, SideForces, ValvePath
 from ces_observer.structures.structure import OperatingRange
@@ -34,8 +36,6 @@ from ces_observer.structures.structure import OperatingRange
 FITTED_RATE_HZ = 500.0  # rate of the ticks whose errors a fit counts: forces hold nothing faster
 LAMINAR = 2e-3  # drop below which openings are laminar, relative to the largest force
 UNLIMITED_N = 1e9
-MOST = 2.0  # pressures at which they are held, relative to the largest that the recordings need
-REACH = 2.0
 HELD_DEGREE = 2  # of a valve's change over its rows where the current was held at a few values
 LEAST_OPENING = 1e-6  # of a bypass, relative to its largest
 COLUMNS = (
@@ -164,7 +164,7 @@ class HydraulicModels:
         friction = zip(values["friction"], values["friction_yield"], values["friction_moved"], strict=True)
         path = (number[name] for name in ("delay_ticks", "hysteresis_A", "rise_s", "fall_s"))
         numbers: dict[str, Any] = {f.name: number[f.name] for f in fields(Hydraulic) if f.name in number}
-        opening = as_floats(np.maximum(values["bypass"], MIN_OPENING))
+        opening = as_floats(np.maximum(values["bypass"], NumberLimits.MIN_OPENING))
         return Hydraulic(
             kind=self.kind,
             valve=ValvePath(IncreasingCurve(as_floats(s.currents_A), as_floats(values["setting"])), *path),
@@ -174,16 +174,18 @@ class HydraulicModels:
             side=SideForces(
                 number["lead_s"], s.max_acceleration_m_s2, number["viscous_Ns_m"], number["mass_kg"],
                 as_floats(s.positions_m), as_floats(values["gas_N"]),
-                tuple(FrictionElement(*map(float, one)) for one in friction),
+                tuple(FrictionElement(*map(float, numbers)) for numbers in friction),
             ),
-            reach=REACH,
+            reach=EnvelopeLimits.REACH,
         )  # fmt: skip
 
     def hold_pressures(self, theta: F) -> HydraulicModels:
         """Return the models whose pressures are held well beyond those that the recordings need."""
         ticks = len(self.training.measured)
         _, most, _, _ = self._differentiate(theta, np.zeros(ticks), np.zeros(ticks, np.int64))
-        return replace(self, most_N=float(min(max(MOST * most, self.scales.force_N), UNLIMITED_N)))
+        return replace(
+            self, most_N=float(min(max(EnvelopeLimits.HELD_PRESSURE * most, self.scales.force_N), UNLIMITED_N))
+        )
 
 
 def unlimited(interval_s: float) -> OperatingRange:

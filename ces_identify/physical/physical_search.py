@@ -18,8 +18,9 @@ from itertools import islice
 import numpy as np
 
 from ces_data.arrays import F
+from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.least_squares import check_error_first, improve, pull_towards
-from ces_identify.numerics.search import Limits, Listener, SearchResult, clock_s, reason_to_end
+from ces_identify.numerics.search import Limits, Listener, SearchResult, SearchStart
 from ces_identify.physical.layout import DataScales
 from ces_identify.physical.models import HydraulicModels
 from ces_identify.training import Training
@@ -29,8 +30,7 @@ STIFF = 30.0  # in the first, all but the laws is pulled so much more strongly: 
 SHORT_WORK = 0.5  # less than this is a short fit: half of the steps and the share that is its work, nothing more
 STRENGTHS = (0.3, 0.03, 0.003, 0.001)  # of the pull towards usual values,
 HELD_STRENGTHS = (0.3, 0.1, 0.03)  # and where the current was held
-WORTHWHILE = 0.995  # a weaker pull must lower the selection cost to this share for a still weaker one to be tried
-STROKE_NODES, STROKE_SHARE = 12, 0.05  # of the error's energy that follows the stroke: a bypass is tried
+STROKE_NODES = 12
 MIN_GAIN = 1e-3  # mean relative fall of the error a step, over WINDOW steps, below which a descent has ended
 WINDOW = 4
 ENDED = "no step lowers the error"
@@ -55,12 +55,11 @@ class PhysicalSearch:
     listener: Listener
 
     def __post_init__(self) -> None:
-        self.stop = self.limits.stop or threading.Event()
-        self._deadline = clock_s() + self.limits.time
+        self._start = SearchStart(self.limits, self.listener)
+        self.stop = self._start.stop
         self._lock = threading.Lock()
-        self._best = np.inf
         self._trials = 0
-        self._found: list[PhysicalFit] = []
+        self._fits: list[PhysicalFit] = []
 
     def run(
         self, training: Training, scales: DataScales, kinds: Sequence[str], rows: int, held: bool
@@ -69,11 +68,12 @@ class PhysicalSearch:
         try:
             make = partial(HydraulicModels.first, training, scales, rows=rows, held=held)
             self._fit_kinds([make(kind=kind) for kind in kinds])
-            best = self._sorted()[0] if self._found else None
+            best = self._sorted()[0] if self._fits else None
             if best and depends_on_stroke(best):
                 self._fit_kind(make(kind=best.models.kind, bypass=True), len(kinds))
             if best and self.limits.work >= SHORT_WORK:
-                self._weaken(self._sorted()[0], HELD_STRENGTHS if held else STRENGTHS)
+                weaker = (HELD_STRENGTHS if held else STRENGTHS)[1:]
+                self._weaken(self._sorted()[0], weaker, [NODE_STEPS] * len(weaker))
         except KeyboardInterrupt:
             self.stop.set()
         return self._sorted()
@@ -86,18 +86,13 @@ class PhysicalSearch:
         The last descent has as many steps as that on nodes; the others, which lead to it, half of them.
         """
         models, theta = fit.models.at_interval(training, interval_s, fit.theta)
-        best = fit
-        for k, strength in enumerate(strengths, 1):
-            steps = NODE_STEPS if k == len(strengths) else NODE_STEPS // 2
-            found = self._fit(models, theta, strength, 0, steps)
-            if k > 1 and found.cost > WORTHWHILE * best.cost:
-                break
-            best, theta = found, found.theta
-        return best
+        steps = [NODE_STEPS // 2] * (len(strengths) - 1) + [NODE_STEPS]
+        again = self._fit(models, theta, strengths[0], 0, steps[0])
+        return self._weaken(again, strengths[1:], steps[1:])
 
     def refit(self, fit: PhysicalFit, share: F | float = 1.0) -> F:
         """Return the parameters after a last fit to all ticks, weighted by `share` (ticks,)."""
-        everything = (fit.models.training.estimation + fit.models.training.selection) * share
+        everything = fit.models.training.everything * share
         steps = self._descend(fit.models, everything, fit.theta, fit.strength, LAST_STEPS)
         return [fit.theta, *steps][-1]
 
@@ -112,7 +107,7 @@ class PhysicalSearch:
                 raise
 
     def _fit_kind(self, models: HydraulicModels, seed: int) -> None:
-        if self._found and self._find_stop_reason():
+        if self._fits and self._start.reason_to_end():
             return
         share = min(0.5 + self.limits.work, 1.0)
         estimation = models.training.estimation
@@ -122,12 +117,14 @@ class PhysicalSearch:
             theta = [theta, *steps][-1]
         self._fit(*models.free(theta), STRENGTHS[0], seed, round(share * NODE_STEPS))
 
-    def _weaken(self, best: PhysicalFit, strengths: Sequence[float]) -> None:
-        for strength in strengths[1:]:
-            weaker = self._fit(best.models, best.theta, strength, 0, NODE_STEPS)
-            if weaker.cost > WORTHWHILE * best.cost:
+    def _weaken(self, best: PhysicalFit, strengths: Sequence[float], steps: Sequence[int]) -> PhysicalFit:
+        """Return the fit continued with weaker and weaker pulls, as long as that helps."""
+        for strength, count in zip(strengths, steps, strict=True):
+            weaker = self._fit(best.models, best.theta, strength, 0, count)
+            if weaker.cost > ChoiceLimits.WEAKER_PULL * best.cost:
                 break
             best = weaker
+        return best
 
     def _fit(self, models: HydraulicModels, start: F, strength: float, seed: int, steps: int) -> PhysicalFit:
         """Return the parameters with the lowest selection cost of one descent; keep them if it is finite."""
@@ -140,9 +137,9 @@ class PhysicalSearch:
                     best = self._as_fit(models, theta, cost, strength, seed)
                     self._report(best)
         finally:
-            best = self._as_fit(models, best.theta, best.cost, strength, seed, self._find_stop_reason() or ENDED)
+            best = self._as_fit(models, best.theta, best.cost, strength, seed, self._start.reason_to_end() or ENDED)
             if np.isfinite(best.cost):
-                self._found.append(best)
+                self._fits.append(best)
         self.listener(best.result)
         return best
 
@@ -155,15 +152,15 @@ class PhysicalSearch:
     def _report(self, fit: PhysicalFit) -> None:
         with self._lock:
             self._trials += 1
-            if fit.cost >= self._best:
+            if fit.cost >= self._start.best.cost:
                 return
-            self._best = fit.cost
+            self._start.best = fit.result
         self.listener(fit.result)
 
     def _descend(
         self, models: HydraulicModels, weights: F, start: F, strength: float, steps: int, stiff: float = 1.0
     ) -> Iterator[F]:
-        if self._find_stop_reason():
+        if self._start.reason_to_end():
             return
         pull = strength * models.layout.weight
         pull[: sum(len(group.centre) for group in models.layout.groups)] *= stiff
@@ -175,14 +172,11 @@ class PhysicalSearch:
             yield point.params
             values.append(point.value)
             still = len(values) > WINDOW and values[-1] > (1.0 - WINDOW * MIN_GAIN) * values[-1 - WINDOW]
-            if still or len(values) >= steps or self._find_stop_reason():
+            if still or len(values) >= steps or self._start.reason_to_end():
                 return
 
-    def _find_stop_reason(self) -> str:
-        return reason_to_end(self.limits, self._best, self._deadline, self.stop)
-
     def _sorted(self) -> list[PhysicalFit]:
-        return sorted(self._found, key=lambda fit: fit.cost)
+        return sorted(self._fits, key=lambda fit: fit.cost)
 
 
 def depends_on_stroke(fit: PhysicalFit) -> bool:
@@ -191,12 +185,12 @@ def depends_on_stroke(fit: PhysicalFit) -> bool:
     weights = np.sqrt(training.estimation)
     force, position = fit.models.force(fit.theta), training.inputs[0]
     nodes = np.linspace(fit.models.scales.positions_m[0], fit.models.scales.positions_m[-1], STROKE_NODES)
-    hats = np.stack([np.interp(position, nodes, one) for one in np.eye(STROKE_NODES)], axis=1)
+    hats = np.stack([np.interp(position, nodes, hat) for hat in np.eye(STROKE_NODES)], axis=1)
     plain = np.stack([np.ones_like(force), force, training.inputs[1]], axis=1)
     error = weights * (training.measured - force)
     shares = []
     for features in (plain, np.hstack([plain, hats * force[:, None]])):
         scaled = weights[:, None] * features
-        rest = error - scaled @ np.linalg.lstsq(scaled, error, rcond=None)[0]
-        shares.append(float(rest @ rest))
-    return shares[1] < (1.0 - STROKE_SHARE) * shares[0]
+        unexplained = error - scaled @ np.linalg.lstsq(scaled, error, rcond=None)[0]
+        shares.append(float(unexplained @ unexplained))
+    return shares[1] < (1.0 - ChoiceLimits.BYPASS_SHARE) * shares[0]

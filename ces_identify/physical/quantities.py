@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.limits import ResultLimits
 from ces_identify.physical.models import HydraulicModels, free_run
 from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.structure import Range
 
 BLOCK_S = 0.25
-MIN_BLOCKS = 1.0  # for each parameter that the data determine
 STEP = 1e-3  # of a parameter's standard error, to differentiate what follows from it
 
 
@@ -48,14 +48,14 @@ class ParameterErrors:
 def parameter_errors(models: HydraulicModels, theta: F, strength: float) -> ParameterErrors | None:
     """Return the errors of parameters fitted with a strength of the pull; None if there are too few blocks of data."""
     training, layout = models.training, models.layout
-    weights = training.estimation + training.selection
+    weights = training.everything
     blocks = _number_blocks(training.segments, len(weights), round(BLOCK_S / models.scales.interval_s))
     _, matrix, gradients = models.sensitivities(theta, weights, blocks)
     pull = strength * layout.weight
     inverse = np.linalg.inv(matrix + np.diag(pull))
     used = gradients[(gradients != 0.0).any(axis=1)]
     determined = float(np.trace(inverse @ matrix))
-    if len(used) < MIN_BLOCKS * determined:
+    if len(used) < ResultLimits.MIN_BLOCKS * determined:
         return None
     slope = gradients.sum(axis=0) + pull * (theta - layout.centre)
     parts = [used.T * np.sqrt(len(used) / (len(used) - 0.5 * determined)), np.diag(pull), slope]
@@ -64,13 +64,12 @@ def parameter_errors(models: HydraulicModels, theta: F, strength: float) -> Para
 
 def find_undetermined(models: HydraulicModels, theta: F, strength: float) -> list[str]:
     """Return a sentence on each quantity that the recordings say less of than the pull towards its usual value."""
-    weights = models.training.estimation + models.training.selection
-    _, matrix, _ = models.normal_equations(theta, weights)
-    known = np.diag(matrix) >= strength * models.layout.weight
+    matrix = models.normal_equations(theta, models.training.everything).matrix
+    determined = np.diag(matrix) >= strength * models.layout.weight
     values, owners = models.layout.values(theta), np.array(models.layout.owners)
     texts = []
     for name, (what, unit, factor, remedy) in ASKED.items():
-        if not known[owners == name].any():
+        if not determined[owners == name].any():
             texts.append(f"{what} is not determined: {factor * values[name][0]:.3g} {unit} assumed; {remedy}")
     return texts
 
@@ -124,7 +123,7 @@ def steady_force_map(body: Hydraulic, interval_s: float, position_m: Range, spee
     strokes = [v * np.append(-np.ones(n), np.ones(n)) for v, n in zip(speeds, there, strict=True)]
     ends = np.cumsum(np.tile(2 * there, len(currents)))
     speed = np.tile(np.concatenate(strokes), len(currents))
-    position = np.tile(np.concatenate([middle + interval_s * np.cumsum(one) for one in strokes]), len(currents))
+    position = np.tile(np.concatenate([middle + interval_s * np.cumsum(stroke) for stroke in strokes]), len(currents))
     current = np.repeat(currents, 2 * there.sum())
     segments = np.column_stack([ends - np.tile(2 * there, len(currents)), ends])
     force = free_run(body, interval_s, np.stack([position, speed, current]), segments)
@@ -135,7 +134,7 @@ def recorded_speeds(speed: F, current: F, currents: F) -> list[list[float]]:
     """Return the range of the speeds (ticks,) [m/s] recorded nearest to each of the currents [A]."""
     nearest = np.abs(current[:, None] - currents).argmin(axis=1)
     about = [speed[nearest == n] for n in range(len(currents))]
-    return [_short(np.percentile(one, RECORDED), 4) if len(one) else [0.0, 0.0] for one in about]
+    return [_short(np.percentile(of_current, RECORDED), 4) if len(of_current) else [0.0, 0.0] for of_current in about]
 
 
 ERRORS = "standard_errors"  # key of `describe_errors` in a model's provenance, under `selection`

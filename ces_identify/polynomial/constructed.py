@@ -6,7 +6,6 @@ with a guess finds a model; refitting it with other time constants gives the bes
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -15,16 +14,15 @@ from math import inf
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.limits import ChoiceLimits
-from ces_identify.numerics.search import Limits, SearchResult, clock_s
-from ces_identify.polynomial.candidates import CandidateRules, SignalRule
+from ces_identify.numerics.search import Limits, SearchResult, SearchStart, clock_s
+from ces_identify.polynomial.candidate_rules import CandidateRules, SignalRule
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen, signal_values
 from ces_identify.polynomial.rules_file import FIRST_GUESS_S, constructions_from
-from ces_identify.polynomial.selection import GaussNewtonStart
+from ces_identify.polynomial.selection import GaussNewtonSearch
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import (
     BASE,
@@ -56,7 +54,8 @@ def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
         raise CesError(f"'{spec}': expected SIGNAL:A,B,... with a signal among {', '.join(signals)}")
     name = f"by_{of}"
     if name in rules.constructed:
-        raise CesError(f"constructed input '{name}': is defined already; give --blend once for a signal")
+        once = OptionName("blend")
+        raise CesError(f"constructed input '{name}': is defined already; give ", once, " once for a signal")
     try:
         peaks = [float(peak) for peak in text.split(",") if peak]
     except ValueError:
@@ -122,7 +121,7 @@ def _scored_values(signal: str, definition: ConstructedInput | None, series: Seq
     """Return the values (n,) of a signal on all scored ticks."""
     definitions, values = [] if definition is None else [definition], []
     for s in series:
-        by_signal = signal_values(definitions, ANYTHING, (s.position, s.speed, s.current), s.segments, s.rate_Hz)
+        by_signal = signal_values(definitions, ANYTHING, s.inputs, s.segments, s.rate_Hz)
         values.append(by_signal[signal][s.scored])
     return np.concatenate(values)
 
@@ -163,31 +162,6 @@ def find_time_constants(
     return rules
 
 
-SUB_MODELS, BY_STROKE = 5, "by_position"  # over the stroke, and their name
-STROKE_ENDS = (0.01, 0.99)  # quantiles of the position: the outer sub-models
-MIN_STROKE_M = 1e-3
-
-
-def add_stroke_if_needed(
-    rules: CandidateRules, series: Sequence[Series], limits: Limits, stable: bool = True, weighting: Weighting = EQUAL
-) -> CandidateRules:
-    """Return `rules`, with sub-models over the stroke if these lower the selection cost of a short search clearly.
-
-    So it is for a damper whose damping depends on the stroke, such as one with a bypass groove about mid-stroke.
-    """
-    low, high = np.quantile(_scored_values("position", None, series), STROKE_ENDS)
-    if high - low < MIN_STROKE_M:
-        return rules
-    peaks = ",".join(f"{peak:.6g}" for peak in np.linspace(low, high, SUB_MODELS))
-    blended = add_blend(rules, f"position:{peaks}")
-    kept = tuple(p for p in blended.products if not {"force", BY_STROKE} <= set(p))  # else most proofs fail
-    blended = replace(blended, products=kept)
-    end = clock_s() + limits.time
-    tried = (_coarse_problem(compared, series, stable, weighting) for compared in (rules, blended))
-    costs = [_search_shortly(problem, limits.within(end)).cost for problem in tried]
-    return blended if costs[1] < ChoiceLimits.SUB_MODEL_GAIN * costs[0] and clock_s() <= end else rules
-
-
 def _coarse_problem(
     rules: CandidateRules, series: Sequence[Series], stable: bool, weighting: Weighting, chosen: I | None = None
 ) -> Problem:
@@ -200,8 +174,7 @@ def _coarse_problem(
 
 def _search_shortly(problem: Problem, limits: Limits) -> SearchResult:
     short = replace(limits, target=0.0, terms=TERMS, exchanges=False)
-    end = clock_s() + limits.time
-    return GaussNewtonStart(problem, short, limits.seed, end, threading.Event(), lambda result: None).run()
+    return GaussNewtonSearch(problem, SearchStart(short)).run()
 
 
 def _cost_after_refit(problem: Callable[[float, I], Problem], model: SearchResult, seconds: float) -> float:

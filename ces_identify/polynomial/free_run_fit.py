@@ -54,7 +54,7 @@ def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, itera
     If the problem requires stable models and the first one is stable, so is every step; its probed gain may reach the
     mean of the greatest gain allowed and 1.
     """
-    arrays, probes = problem.compiled.subset(chosen), problem.probes[chosen]
+    arrays, probes = problem.layout.subset(chosen), problem.probes[chosen]
 
     def equations(c: F) -> NormalEquations:
         if kernels.probed_gain(probes, arrays.outputs, c) >= 0.5 * (1.0 + problem.max_gain):

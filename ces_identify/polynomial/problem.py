@@ -14,14 +14,14 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.limits import TickLimits
+from ces_identify.limits import EnvelopeLimits, StabilityLimits, TickLimits
 from ces_identify.numerics import kernels
-from ces_identify.numerics.core import compiled, core_kernel
+from ces_identify.numerics.core import compile_tick, core_kernel
 from ces_identify.numerics.kernels import TermArrays
 from ces_identify.prepare.cost import EQUAL, Weighting, require_force
 from ces_identify.prepare.series import Series
 from ces_observer.errors import RecordingError
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, TriangularMembership, lay_out_constructed
 from ces_observer.structures.structure import Range
@@ -32,18 +32,22 @@ from ces_observer.tick.model import clamp
 Power = tuple[str, float, bool]  # signal, power, signed
 
 
-clamp_value, update_inputs, membership_value = compiled(clamp), compiled(constructed_update), compiled(membership)
+clamp_value, update_inputs, membership_value = (
+    compile_tick(clamp),
+    compile_tick(constructed_update),
+    compile_tick(membership),
+)
 
 
 def signal_values(
-    constructed: Sequence[ConstructedInput], envelope: Envelope, inputs: Sequence[F] | F, segments: I, rate_Hz: float
+    constructed: Sequence[ConstructedInput], envelope: Envelope, inputs: F, segments: I, rate_Hz: float
 ) -> dict[str, F]:
     """Return position, speed and current (ticks,), clamped, and each constructed input as the observer computes it.
 
     `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. In `constructed`,
     each follows those from which it is computed; outside `segments` they are zero.
     """
-    layout = Layout(0, 0, len(BASE), 0)
+    layout = ArrayLayout(0, 0, len(BASE), 0)
     table, places = lay_out_constructed(layout, constructed, rate_Hz, 0)
     arrays = layout.arrays()
     p, n, s = np.array(arrays.p), np.array(arrays.n, np.int64), np.array(arrays.s)
@@ -80,7 +84,7 @@ def _memberships(values: F, low: float, peak: float, high: float) -> F:
 
 
 @dataclass(frozen=True)
-class CompiledTerms:
+class TermLayout:
     """Terms as arrays, the powers in the table that they index, and the constructed inputs that they use."""
 
     powers: tuple[Power, ...]
@@ -91,7 +95,7 @@ class CompiledTerms:
         """Return the arrays of the terms at the indices `chosen`."""
         return TermArrays(*(array[chosen] for array in self.arrays))
 
-    def power_table(self, envelope: Envelope, inputs: Sequence[F] | F, segments: I, rate_Hz: float) -> F:
+    def power_table(self, envelope: Envelope, inputs: F, segments: I, rate_Hz: float) -> F:
         """Return each power of its signal, shape (max(1, powers), ticks); for the inputs see `signal_values`."""
         values = signal_values(self.constructed, envelope, inputs, segments, rate_Hz)
         table = np.zeros((max(1, len(self.powers)), len(inputs[0])))
@@ -125,7 +129,7 @@ class CompiledTerms:
         return {hat.name: hat for hat in self.constructed if isinstance(hat, TriangularMembership)}
 
 
-def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
+def lay_out_terms(terms: Sequence[Term]) -> TermLayout:
     """Return the arrays of `terms`, without their coefficients."""
     powers = sorted({_power(f) for term in terms for f in term.inputs})
     row = {power: i for i, power in enumerate(powers)}
@@ -135,7 +139,7 @@ def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
         for f, factor in enumerate(term.inputs):
             columns[t, f], lags[t, f] = row[_power(factor)], factor.lag
     outputs = np.array([term.output_lag for term in terms], np.int64)
-    return CompiledTerms(tuple(powers), TermArrays(columns, lags, counts, outputs), collect_constructed(terms))
+    return TermLayout(tuple(powers), TermArrays(columns, lags, counts, outputs), collect_constructed(terms))
 
 
 def _power(factor: Factor) -> Power:
@@ -144,10 +148,7 @@ def _power(factor: Factor) -> Power:
 
 BLOCK_S = 1.0  # length of a block [s]
 ESTIMATION_BLOCKS, PERIOD_BLOCKS = 2, 3
-MAX_GAIN = 0.995  # of past forces at the probed inputs; leaves a margin for the proof over all inputs
 CHUNK = 4096  # ticks per block of regressors held in memory
-INPUT_MARGIN = 0.1  # of an input's span
-EXTENSION = 0.5  # of the measured force's span, on both sides; the force envelope also includes 0, the initial force
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,7 @@ class Problem:
     """
 
     candidates: tuple[Term, ...]
-    compiled: CompiledTerms
+    layout: TermLayout
     envelope: Envelope
     force_envelope: Range
     powers: F
@@ -195,7 +196,7 @@ class Problem:
             if weights[k0:k1].any():
                 rows = np.empty((n + 1, k1 - k0))
                 rows[:n] = kernels.regressor_columns(
-                    self.powers, self.measured, self.segments, self.compiled.arrays, k0, k1, s
+                    self.powers, self.measured, self.segments, self.layout.arrays, k0, k1, s
                 )
                 rows[n] = self.measured[k0:k1]
                 rows *= np.sqrt(weights[k0:k1])
@@ -204,23 +205,23 @@ class Problem:
 
     def gain(self, chosen: I, coefficients: F) -> float:
         """Return the largest gain of past forces at the probed inputs of the terms at the indices `chosen`."""
-        return float(kernels.probed_gain(self.probes[chosen], self.compiled.arrays.outputs[chosen], coefficients))
+        return float(kernels.probed_gain(self.probes[chosen], self.layout.arrays.outputs[chosen], coefficients))
 
     def selection_cost(self, chosen: I, coefficients: F) -> float:
         """Return the free-run cost J [%] of the terms at the indices `chosen` on the selection ticks."""
         room = np.empty((1 + len(chosen), kernels.BLOCK)), np.empty(self.powers.shape[1])
-        return float(kernels.free_run_cost(self.run, self.compiled.subset(chosen), coefficients, np.inf, *room))
+        return float(kernels.free_run_cost(self.run, self.layout.subset(chosen), coefficients, np.inf, *room))
 
 
 def coarsen(problem: Problem, step: int) -> Problem:
     """Return the problem on every `step`-th tick, lags rounded; past forces keep their lags."""
     parts = [np.arange(start, stop, step) for start, stop in problem.segments]
     ends = np.cumsum([len(part) for part in parts])
-    ticks, arrays = np.concatenate(parts), problem.compiled.arrays
+    ticks, arrays = np.concatenate(parts), problem.layout.arrays
     arrays = arrays._replace(lags=np.rint(arrays.lags / step).astype(np.int64))
     return replace(
         problem,
-        compiled=replace(problem.compiled, arrays=arrays),
+        layout=replace(problem.layout, arrays=arrays),
         powers=np.ascontiguousarray(problem.powers[:, ticks]),
         measured=problem.measured[ticks],
         segments=np.stack([ends - [len(part) for part in parts], ends], axis=1),
@@ -241,27 +242,27 @@ def assemble_problem(
     for recorded in series:
         require_force(recorded)
     envelope = compute_envelope(series)
-    compiled = compile_terms(candidates)
-    inputs = [np.concatenate([getattr(s, name) for s in series]) for name in BASE]
+    layout = lay_out_terms(candidates)
+    inputs = np.concatenate([s.inputs for s in series], axis=1)
     offsets = np.cumsum([0, *(len(s) for s in series[:-1])])
     stacked = np.concatenate([s.segments + offset for s, offset in zip(series, offsets, strict=True)])
     segments = np.ascontiguousarray(stacked, np.int64)
     recordings = np.repeat(np.arange(len(series)), [len(s.segments) for s in series]).astype(np.int64)
-    powers = compiled.power_table(envelope, inputs, segments, series[0].rate_Hz)
+    powers = layout.power_table(envelope, inputs, segments, series[0].rate_Hz)
     measured = np.nan_to_num(np.concatenate([s.force for s in series]))
     weighting = weighting.with_common_stroke(series)
     everything = np.concatenate([_weights(s, s.scored, weighting) for s in series])
     selection = np.concatenate([_weights(s, s.scored & ~estimation_ticks(s), weighting) for s in series])
-    one_step = _fit_weights(series, compiled, weighting)
+    one_step = _fit_weights(series, layout, weighting)
     if np.count_nonzero(one_step) < TickLimits.MIN_ERRORS:
         raise RecordingError(
             f"{np.count_nonzero(one_step)} estimation ticks; expected at least {TickLimits.MIN_ERRORS}: record longer"
         )
     forces = measured[everything > 0]
-    margin = EXTENSION * float(np.ptp(forces))
+    margin = EnvelopeLimits.FORCE_MARGIN * float(np.ptp(forces))
     return Problem(
         candidates=tuple(candidates),
-        compiled=compiled,
+        layout=layout,
         envelope=envelope,
         force_envelope=(min(float(forces.min()) - margin, 0.0), max(float(forces.max()) + margin, 0.0)),
         powers=powers,
@@ -271,34 +272,34 @@ def assemble_problem(
         selection=selection,
         everything=everything,
         one_step=one_step,
-        probes=probe(compiled, envelope),
-        max_gain=MAX_GAIN if stable else np.inf,
+        probes=probe(layout, envelope),
+        max_gain=StabilityLimits.PROBED_GAIN if stable else np.inf,
     )
 
 
 def compute_envelope(series: Sequence[Series]) -> Envelope:
-    """Return the range of each input over the scored ticks of all series, widened by INPUT_MARGIN at both ends."""
+    """Return the range of each input over the scored ticks of all series, a little widened at both ends."""
 
     def span(name: str) -> Range:
         values = [getattr(s, name)[s.scored] for s in series]
         low, high = min(v.min() for v in values), max(v.max() for v in values)
-        margin = INPUT_MARGIN * (high - low)
+        margin = EnvelopeLimits.INPUT_MARGIN * (high - low)
         return float(low - margin), float(high + margin)
 
     return Envelope(span("position"), span("speed"), span("current"))
 
 
-def probe(compiled: CompiledTerms, envelope: Envelope) -> F:
+def probe(layout: TermLayout, envelope: Envelope) -> F:
     """Return each term's product of input factors (terms, points) on a grid of the envelope, or at Sobol points."""
-    columns, _, counts, outputs = compiled.arrays
-    rows = [{f: compiled.variable(t, f) for f in range(count)} for t, count in enumerate(counts)]
+    columns, _, counts, outputs = layout.arrays
+    rows = [{f: layout.variable(t, f) for f in range(count)} for t, count in enumerate(counts)]
     dimensions = sorted({key for t, row in enumerate(rows) if outputs[t] for key in row.values()})
-    ranges = compiled.ranges(envelope)
-    inputs = _spread_points([ranges[s] for s, _ in dimensions], [compiled.kinks(s) for s, _ in dimensions])
+    ranges = layout.ranges(envelope)
+    inputs = _spread_points([ranges[s] for s, _ in dimensions], [layout.kinks(s) for s, _ in dimensions])
     points = np.ones((len(rows), inputs.shape[1]))
     for t, row in enumerate(rows):
         for f, key in row.items() if outputs[t] else ():
-            points[t] *= compiled.factor_values(columns[t, f], inputs[dimensions.index(key)])
+            points[t] *= layout.factor_values(columns[t, f], inputs[dimensions.index(key)])
     return points
 
 
@@ -348,9 +349,9 @@ def _weights(series: Series, ticks: Mask, weighting: Weighting) -> F:
     return weights / spread
 
 
-def _fit_weights(series: Sequence[Series], compiled: CompiledTerms, weighting: Weighting) -> F:
+def _fit_weights(series: Sequence[Series], layout: TermLayout, weighting: Weighting) -> F:
     """Return the least-squares weights (ticks,): 0 off the estimation ticks and where a past force was not measured."""
-    depth = int(compiled.arrays.outputs.max(initial=0))
+    depth = int(layout.arrays.outputs.max(initial=0))
     weights = []
     for recorded in series:
         finite = np.isfinite(recorded.force)

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_identify.numerics.search import GAUSS_NEWTON, THESIS
-from ces_identify.polynomial.candidates import (
+from ces_identify.polynomial.candidate_rules import (
     FORMS,
     SIGNALS,
     CandidateRules,
@@ -23,6 +23,7 @@ from ces_identify.polynomial.candidates import (
 )
 from ces_observer.errors import CesError, ModelError
 from ces_observer.fields import Field, Schema, require_known_keys
+from ces_observer.limits import FileLimits
 from ces_observer.records import OneOf, Record, bounded, part, read_record, record_schema
 from ces_observer.structures.constructed_inputs import (
     BASE,
@@ -32,8 +33,7 @@ from ces_observer.structures.constructed_inputs import (
     TriangularMembership,
     make_memberships,
 )
-from ces_observer.structures.structure import MAX_LAG
-from ces_observer.structures.terms import MAX_FACTORS, MAX_POWER, MAX_TERMS, Factor, Term
+from ces_observer.structures.terms import Factor, Term
 
 EXPECTED = f"candidate rules: {', '.join(SIGNALS)} and products"
 MEMBERSHIPS = "hats"
@@ -48,8 +48,8 @@ class InitialFactor:
     """A factor of a term to start from; a past force and a membership have neither power nor form."""
 
     signal: str = part()
-    lag: int = bounded(0, MAX_LAG, default=0)
-    power: float = bounded(0.0, MAX_POWER, default=1.0)
+    lag: int = bounded(0, FileLimits.MAX_LAG, default=0)
+    power: float = bounded(0.0, FileLimits.MAX_POWER, default=1.0)
     form: str = part(default="signed", choices=tuple(FORMS))
 
     def checked(self) -> Self:
@@ -80,16 +80,16 @@ class Memberships:
 RULE_KINDS = {**{name: cls for name, cls in KINDS.items() if name != "hat"}, MEMBERSHIPS: Memberships}
 CONSTRUCTED = Field(kind=OneOf(RULE_KINDS))
 PRODUCTS = Field(
-    kind=Field(many=True, max_count=MAX_FACTORS), many=True, min_count=1, form="a list of lists of signals",
+    kind=Field(many=True, max_count=FileLimits.MAX_FACTORS), many=True, min_count=1, form="a list of lists of signals",
     meaning="signals whose factors are multiplied in a term",
 )  # fmt: skip
 FACTOR = Field(kind=Record(InitialFactor), form="a factor such as {signal: speed, lag: 3, power: 0.4}")
 INITIAL = Field(
     meaning="terms to start from with --method thesis",
-    kind=Field(kind=FACTOR, many=True, max_count=MAX_FACTORS),
+    kind=Field(kind=FACTOR, many=True, max_count=FileLimits.MAX_FACTORS),
     many=True,
     min_count=1,
-    max_count=MAX_TERMS,
+    max_count=FileLimits.MAX_TERMS,
 )
 
 
@@ -189,7 +189,7 @@ def constructions_from(
     constructed = dict(known or {})
     for name in sorted(raw, key=lambda key: isinstance(raw[key], Mapping) and raw[key].get("kind") == MEMBERSHIPS):
         constructed[str(name)] = _construct(str(name), raw[name], f"{where}: {name}", constructed)
-    names = [one.name for group in constructed.values() for one in group]
+    names = [definition.name for group in constructed.values() for definition in group]
     if len(set(names)) < len(names):
         raise CesError(f"{where}: hats are named NAME_1, NAME_2 and so on; expected these names to be free")
     return constructed
@@ -198,13 +198,13 @@ def constructions_from(
 def _construct(name: str, raw: object, where: str, known: Constructions) -> tuple[ConstructedInput, ...]:
     if isinstance(raw, Mapping):
         raw = {**(FREQUENCY if raw.get("kind") == "frequency" else {}), **raw, "name": name}
-    one = CONSTRUCTED.check(raw, where)
-    if not isinstance(one, Memberships):
-        return (one,)
-    smooth = {one.name: one for group in known.values() for one in group if one.kind != "hat"}
-    if one.of not in (*BASE, *smooth):
-        raise CesError(f"{where}: of is {one.of!r}; expected one of {', '.join((*BASE, *smooth))}")
-    return make_memberships(name, one.of, one.at, smooth.get(one.of))
+    definition = CONSTRUCTED.check(raw, where)
+    if not isinstance(definition, Memberships):
+        return (definition,)
+    smooth = {d.name: d for group in known.values() for d in group if d.kind != "hat"}
+    if definition.of not in (*BASE, *smooth):
+        raise CesError(f"{where}: of is {definition.of!r}; expected one of {', '.join((*BASE, *smooth))}")
+    return make_memberships(name, definition.of, definition.at, smooth.get(definition.of))
 
 
 def rules_schema() -> Schema:

@@ -9,7 +9,6 @@ the first considers a random part of the candidates at each step.
 
 from __future__ import annotations
 
-import threading
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from functools import cached_property
@@ -17,14 +16,16 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.search import (
+    RUNNING,
     THESIS,
     WORK_IS_DONE,
     Limits,
     Listener,
     SearchResult,
-    reason_to_end,
+    SearchStart,
     run_starts,
     spread_work,
 )
@@ -36,8 +37,6 @@ from ces_identify.polynomial.free_run_fit import (
 )
 from ces_identify.polynomial.problem import Problem
 
-MIN_GAIN = 0.001  # relative gain required of a new term
-PRUNE_LOSS = 0.0005  # relative loss below which a term is pruned
 FITS_PER_STEP = 4  # candidates fitted at a step
 PATIENCE = 3  # terms added without success before growth stops
 WEAKEST = 3  # terms tried for pruning or exchange
@@ -55,22 +54,23 @@ BATCH = 32  # candidates tried between two checks of the work
 RIDGE = 1e-9  # smallest pivot of the scaled Gram matrix; columns with a smaller one count as dependent
 
 
-class SearchStart(ABC):
-    """A start; `listener` receives each better model."""
+class TermSearch(ABC):
+    """The search of one start; its `current` model is the best so far."""
 
     work: float  # ticks times trials, at most
 
-    def __init__(
-        self, problem: Problem, limits: Limits, seed: int, deadline: float, stop: threading.Event, listener: Listener
-    ) -> None:
-        self.problem, self.limits, self.seed = problem, limits, seed
-        self.deadline, self.stop, self.listener = deadline, stop, listener
-        self.random = np.random.default_rng(seed)
+    def __init__(self, problem: Problem, start: SearchStart) -> None:
+        self.problem, self.start, self.limits = problem, start, start.limits
         self.trials = 0
-        self.current = self._first_model()
+        start.best = self._first_model()
         self.trials = self.current.trials
-        self.budget = max(1.0, limits.work * self.work / len(problem.measured)) + self.trials
+        self.budget = max(1.0, self.limits.work * self.work / len(problem.measured)) + self.trials
         self._met = {len(self.current.chosen): self.current}
+
+    @property
+    def current(self) -> SearchResult:
+        """The best model so far."""
+        return self.start.best
 
     def run(self) -> SearchResult:
         """Search until no candidate helps or a limit is reached or Ctrl-C; return the best model."""
@@ -88,21 +88,20 @@ class SearchStart(ABC):
 
     def _result(self, chosen: I, coefficients: F, cost: float) -> SearchResult:
         share = min(1.0, self.trials / self.budget) if self.trials else 0.0
-        return SearchResult(chosen, coefficients, cost, self.seed, self.trials, "running", share)
+        return SearchResult(chosen, coefficients, cost, self.start.seed, self.trials, RUNNING, share)
 
     def _keep(self, model: SearchResult) -> None:
-        self.current = model
+        self.start.best = model
         best = self._met.get(len(model.chosen))
         if best is None or model.cost <= best.cost:
             self._met[len(model.chosen)] = model
-        self.listener(model)
+        self.start.listener(model)
 
     def _reason_to_end(self) -> str:
-        reason = reason_to_end(self.limits, self.current.cost, self.deadline, self.stop)
-        return reason or (WORK_IS_DONE if self.trials >= self.budget else "")
+        return self.start.reason_to_end() or (WORK_IS_DONE if self.trials >= self.budget else "")
 
 
-class GaussNewtonStart(SearchStart):
+class GaussNewtonSearch(TermSearch):
     """One start; its current model is the best so far.
 
     It climbs from size to size and exchanges weak terms at each: a search for more terms begins as one for fewer does.
@@ -133,7 +132,7 @@ class GaussNewtonStart(SearchStart):
         """Return the model of a past force alone; candidates are then compared behind a first-order lag."""
         terms = self.problem.candidates
         alone = [i for i, term in enumerate(terms) if term.output_lag == 1 and not term.inputs]
-        pole = POLES[(self.seed - self.limits.seed) % len(POLES)]
+        pole = POLES[(self.start.seed - self.limits.seed) % len(POLES)]
         return self._result(np.array(alone[:1], np.int64), np.full(len(alone[:1]), pole), np.inf)
 
     def _grow(self, size: int) -> bool:
@@ -146,7 +145,7 @@ class GaussNewtonStart(SearchStart):
             if grown is None:
                 return False
             model, stale = grown, stale + 1
-            if grown.cost < self.current.cost * (1.0 - MIN_GAIN):
+            if grown.cost < self.current.cost * (1.0 - ChoiceLimits.MIN_TERM_GAIN):
                 self._keep(grown)
                 self._prune()
                 model, stale = self.current, 0
@@ -156,18 +155,20 @@ class GaussNewtonStart(SearchStart):
         """Replace a weak term by a candidate; return False if that does not lower the cost."""
         for place in self._find_weakest():
             less = self._remove_term(place)
-            better = self._add_best_candidate(less, self.current.cost * (1.0 - MIN_GAIN)) if less else None
+            better = (
+                self._add_best_candidate(less, self.current.cost * (1.0 - ChoiceLimits.MIN_TERM_GAIN)) if less else None
+            )
             if better is not None:
                 self._keep(better)
                 return True
         return False
 
     def _prune(self) -> None:
-        """Remove terms whose loss is below PRUNE_LOSS."""
+        """Remove terms that are hardly a loss."""
         while len(self.current.chosen) > 1:
             for place in self._find_weakest():
                 less = self._remove_term(place)
-                if less is not None and less.cost < self.current.cost * (1.0 + PRUNE_LOSS):
+                if less is not None and less.cost < self.current.cost * (1.0 + ChoiceLimits.MAX_TERM_LOSS):
                     self._keep(less)
                     break
             else:
@@ -223,10 +224,10 @@ class GaussNewtonStart(SearchStart):
         """Return the models with one more term, its coefficient 0, of greatest first-order gain, best first."""
         p = self.problem
         tried = np.setdiff1d(np.arange(len(p.candidates)), model.chosen)
-        tried = tried[self.random.random(len(tried)) < (1.0 if self.seed == self.limits.seed else PART)]
+        tried = tried[self.start.random.random(len(tried)) < (1.0 if self.start.seed == self.limits.seed else PART)]
         if not len(tried):
             return []
-        terms, arrays = p.compiled.subset(model.chosen), p.compiled.arrays
+        terms, arrays = p.layout.subset(model.chosen), p.layout.arrays
         lags = np.unique(terms.outputs[terms.outputs > 0])
         force, _ = kernels.free_run(p.powers, p.segments, terms, model.coefficients, p.force_envelope)
         gains = output_gains(p.powers, p.segments, terms, model.coefficients, lags)
@@ -253,7 +254,7 @@ def _inverse(matrix: F) -> F:
     return np.asarray(inverse * scale[:, None] * scale)
 
 
-class ThesisStart(SearchStart):
+class ThesisSearch(TermSearch):
     """The regressor selection of the thesis, to the letter (section 3.4.4, fig. 3.2); the current model is the best.
 
     It starts from an initial model. One random candidate is added and removed from the list; it stays if the free-run
@@ -268,7 +269,9 @@ class ThesisStart(SearchStart):
 
     def _search(self) -> None:
         """Try every candidate once, in random order."""
-        order = self.random.permutation(np.setdiff1d(np.arange(len(self.problem.candidates)), self.problem.initial))
+        order = self.start.random.permutation(
+            np.setdiff1d(np.arange(len(self.problem.candidates)), self.problem.initial)
+        )
         at = 0
         while at < len(order) and not self._reason_to_end():
             trial = order[at : at + BATCH]
@@ -283,7 +286,7 @@ class ThesisStart(SearchStart):
         chosen = self.problem.initial
         coefficients, independent = kernels.solve_normal(self.problem.gram, chosen, RIDGE)
         cost = self.problem.selection_cost(chosen, coefficients) if independent else np.inf
-        return SearchResult(chosen, coefficients, cost, self.seed, 1, "running")
+        return SearchResult(chosen, coefficients, cost, self.start.seed, 1, RUNNING)
 
     def _prune(self, model: SearchResult) -> SearchResult:
         """Return `model` without the terms whose removal lowers its cost."""
@@ -301,7 +304,7 @@ class ThesisStart(SearchStart):
     def _remove_weakest_term(self, model: SearchResult, bound: float) -> SearchResult | None:
         """Return `model` without the term whose removal costs least, if that keeps the cost below `bound`."""
         best: SearchResult | None = None
-        places = self.random.permutation(len(model.chosen))
+        places = self.start.random.permutation(len(model.chosen))
         at = 0
         while at < len(places):
             place, cost, coefficients = self._try(model.chosen, places[at:], bound, True)
@@ -315,7 +318,7 @@ class ThesisStart(SearchStart):
     def _try(self, chosen: I, trial: I, bound: float, drop: bool) -> tuple[int, float, F]:
         p = self.problem
         place, cost, coefficients = kernels.first_better(
-            p.gram, chosen, trial, p.run, p.compiled.arrays, bound, RIDGE, drop
+            p.gram, chosen, trial, p.run, p.layout.arrays, bound, RIDGE, drop
         )
         self.trials += len(trial) if place < 0 else place + 1
         return int(place), float(cost), coefficients
@@ -328,9 +331,5 @@ def search(problem: Problem, limits: Limits, listener: Listener = lambda result:
     receives each improvement and each start's result, from the threads.
     """
     limits = spread_work(limits, len(problem.measured))
-
-    def start(seed: int, deadline: float, stop: threading.Event) -> SearchResult:
-        kind = ThesisStart if limits.method == THESIS else GaussNewtonStart
-        return kind(problem, limits, seed, deadline, stop, listener).run()
-
-    return run_starts(limits, start)
+    kind = ThesisSearch if limits.method == THESIS else GaussNewtonSearch
+    return run_starts(limits, listener, lambda start: kind(problem, start).run())

@@ -22,9 +22,13 @@ from ces_data.samples import remove_spikes
 from ces_identify.limits import SamplingLimits, TickLimits
 from ces_identify.prepare.series import Tracked, select_samples, track, usable_samples
 from ces_observer.bank_design import ACCELERATION, SPEED
-from ces_observer.errors import RecordingError
-from ces_observer.model import FREQUENCIES_HZ, MAX_DELAY_S, Sampling
+from ces_observer.errors import OptionName, RecordingError
+from ces_observer.limits import FileLimits
+from ces_observer.model import FREQUENCIES_HZ, Sampling
 
+WINDOW_S = 4.0  # [s] of a Welch segment
+MIN_NOISE = 1e-6  # of the RMS speed in a tick: the noise of positions without any
+MAX_SAMPLES = 30_000  # of a recording, for the likelihood: more change no figure of the noise
 SPEEDS = POSITION, MEASURED = ("position", "measured")  # what the speed of a model comes from
 
 
@@ -62,7 +66,7 @@ def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:
     samples = usable_samples(recording, 1e6)
     if np.ptp(samples.position) == 0.0:
         raise RecordingError(f"{recording.name}: position does not move; check its topic and field in the signals file")
-    window = 2 ** round(np.log2(max(SamplingLimits.WINDOW_S * rate, SamplingLimits.MIN_SAMPLES)))
+    window = 2 ** round(np.log2(max(WINDOW_S * rate, SamplingLimits.MIN_SAMPLES)))
     power, weight = np.zeros(window // 2), 0
     breaks = np.flatnonzero(np.abs(np.diff(samples.stamps_ns)) > max_gap_s * 1e9) + 1
     for stamps, position in zip(np.split(samples.stamps_ns, breaks), np.split(samples.position, breaks), strict=True):
@@ -103,7 +107,7 @@ def measure_motion_noise(recording: Recording, sampling: Sampling) -> float:
 
 
 def _spectrum(values: F, rate: float) -> Spectrum:
-    window = min(2 ** round(np.log2(SamplingLimits.WINDOW_S * rate)), len(values))
+    window = min(2 ** round(np.log2(WINDOW_S * rate)), len(values))
     frequency, power = welch(values, rate, nperseg=window, detrend="linear")
     return Spectrum(rate, frequency[1:], power[1:])
 
@@ -130,7 +134,7 @@ def choose_sampling(
     speed = max(float(f"{_rms([speed_rms(s) for s in spectra]):.3g}"), SamplingLimits.MIN_SPEED_M_S)
     density = float(np.mean([noise_density(s) for s in spectra]))
     ticks, wider_Hz = SamplingLimits.TICKS_A_PERIOD, SamplingLimits.WIDER_HZ
-    widest = min(slowest, ticks * wider_Hz[-1][-1]) if rate_Hz is None else rate_Hz
+    widest = min(slowest, ticks * wider_Hz[-1]) if rate_Hz is None else rate_Hz
     sampling = Sampling(
         widest, 1.0, speed, believed_stroke(recordings), 1.0, max_gap_s=gap,
         motion=choose_motion(recordings) if motion is None else motion,
@@ -138,7 +142,7 @@ def choose_sampling(
     if sampling.motion:
         noise = _rms([measure_motion_noise(recording, sampling) for recording in recordings])
         sampling = replace(sampling, motion_noise=float(f"{max(noise, 1e-9):.3g}"))
-    chosen, innovation = _most_likely(recordings, sampling, density, (FREQUENCIES_HZ, *wider_Hz))
+    chosen, innovation = _most_likely(recordings, sampling, density, (FREQUENCIES_HZ, wider_Hz))
     enough_Hz = max(SamplingLimits.MIN_RATE_HZ, ticks * chosen.frequencies_Hz[-1])
     rate = min(widest, enough_Hz) if rate_Hz is None else rate_Hz
     if rate != widest:
@@ -155,7 +159,7 @@ def _most_likely(
 
     `density` [m2/Hz] is that of the noise. The first modes are kept unless others are clearly likelier.
     """
-    least = max(SamplingLimits.MIN_NOISE * sampling.speed_m_s / sampling.rate_Hz, 1e-9)
+    least = max(MIN_NOISE * sampling.speed_m_s / sampling.rate_Hz, 1e-9)
     white = max(np.sqrt(0.5 * density * sampling.rate_Hz), least)
     limit, candidates = SamplingLimits.HIGHEST_SHARE * sampling.rate_Hz, []
     for frequencies in modes:
@@ -185,7 +189,7 @@ def _most_likely_noise(
 
 def _track(recording: Recording, sampling: Sampling) -> Tracked:
     """Return the ticks of the beginning of a recording without spikes; short gaps need fewer gains."""
-    samples, n = select_samples(recording, sampling), SamplingLimits.MAX_SAMPLES
+    samples, n = select_samples(recording, sampling), MAX_SAMPLES
     sampling = replace(sampling, max_gap_s=min(sampling.max_gap_s, LIKELIHOOD_GAP_TICKS / sampling.rate_Hz))
     return track(samples.stamps_ns[:n], remove_spikes(samples.position)[:n], sampling, samples.motion[:n])
 
@@ -195,13 +199,14 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def require_delay(delay_s: float, rate_Hz: float) -> float:
-    """Return the delay; raises RecordingError unless it is a whole number of ticks up to MAX_DELAY_S."""
+    """Return the delay; raises RecordingError unless it is a whole number of ticks up to FileLimits.MAX_DELAY_S."""
     ticks = delay_s * rate_Hz
-    if not (0.0 <= delay_s <= MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
+    if not (0.0 <= delay_s <= FileLimits.MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
         near = round(ticks) if np.isfinite(ticks) else 1
         raise RecordingError(
-            f"--delay {delay_s:g}: expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) "
-            f"from 0 to {MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, MAX_DELAY_S):g}"
+            OptionName("delay", delay_s),
+            f": expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) from 0 to "
+            f"{FileLimits.MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, FileLimits.MAX_DELAY_S):g}",
         )
     return round(ticks) / rate_Hz
 
@@ -224,7 +229,8 @@ def _require_rate(recordings: Sequence[Recording], rates: Sequence[float], rate_
     slowest, name = min(zip(rates, (recording.name for recording in recordings), strict=True), key=lambda pair: pair[0])
     if rate_Hz is not None and rate_Hz > SamplingLimits.RATE_SLACK * slowest:
         data = f"the positions in {name} are at {slowest:.5g} Hz"
-        raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
+        advice = "; choose at most that, or leave the rate out"
+        raise RecordingError(OptionName("rate", rate_Hz), f": {data}{advice}")
 
 
 def choose_motion(recordings: Sequence[Recording], speed: str | None = None) -> str:
@@ -234,7 +240,8 @@ def choose_motion(recordings: Sequence[Recording], speed: str | None = None) -> 
     optional; the speed if they have both.
     """
     if speed == MEASURED and (lacks := next((r.name for r in recordings if SPEED not in r.channels), "")):
-        raise RecordingError(f"{lacks}: no measured speed; describe 'speed' in the signals file, or remove --speed")
+        remedy = "describe 'speed' in the signals file, or remove "
+        raise RecordingError(f"{lacks}: no measured speed; {remedy}", OptionName("speed"))
     names = [r.channels.keys() - r.optional for r in recordings] if speed is None else []
     signal = next((name for name in (SPEED, ACCELERATION) if all(name in own for own in names)), "")
     return signal if speed is None else SPEED if speed == MEASURED else ""

@@ -18,10 +18,10 @@ from ces_data.arrays import F, I, Mask
 from ces_data.recording import Channel, Recording
 from ces_data.samples import mask_lost, measured_at
 from ces_identify.limits import TickLimits
-from ces_identify.numerics.core import compiled, core_kernel, pointer
+from ces_identify.numerics.core import compile_tick, core_kernel, pointer
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
-from ces_observer.sampling_layout import layout_of
+from ces_observer.estimator import layout_of
 from ces_observer.structures.structure import Range
 from ces_observer.tick import tracker
 from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TOTAL
@@ -56,6 +56,11 @@ class Series:
     def __len__(self) -> int:
         return len(self.time_s)
 
+    @property
+    def inputs(self) -> F:
+        """Position [m], speed [m/s] and current [A], shape (3, ticks)."""
+        return np.stack([self.position, self.speed, self.current])
+
     def part(self, first: float, last: float) -> Series:
         """Return the share [first, last) of the ticks as a series of its own, with its own warm-up."""
         a, b = round(first * len(self)), round(last * len(self))
@@ -78,6 +83,11 @@ class Series:
         since_start = np.arange(len(segment)) - np.repeat(starts, np.diff(segments)[:, 0])
         signals = {name: getattr(self, name)[keep] for name in ("time_s", "position", "speed", "current", "force")}
         return replace(self, **signals, segments=segments, scored=self.scored[keep] & (since_start >= self.warm_up))
+
+
+def changes(values: F) -> bool:
+    """Return whether an input (n,) is not constant."""
+    return bool(np.ptp(values) > TickLimits.MIN_CHANGE * max(1e-9, float(np.abs(values).max())))
 
 
 @dataclass(frozen=True)
@@ -276,7 +286,7 @@ class SimulatedSeries(Protocol):
         """The free run."""
 
 
-tracker_advance = compiled(tracker.tracker_advance)
+tracker_advance = compile_tick(tracker.tracker_advance)
 
 
 class Tracked(NamedTuple):

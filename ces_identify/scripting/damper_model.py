@@ -15,7 +15,7 @@ from ces_data.arrays import F
 from ces_data.reading import SIGNALS, as_recordings
 from ces_data.recording import Recording as Logged
 from ces_identify.identification import identify
-from ces_identify.options import choose_fit
+from ces_identify.options import IdentifyRequest
 from ces_identify.scripting.model import Model
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.simulate import sample_run
@@ -71,8 +71,9 @@ class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def fit(self, X: Any, y: ArrayLike | None = None) -> Self:
         """Identify the model on all of the recordings. Raises CesError if they hold too little."""
-        how, fitter = choose_fit(self.structure, {"split": 1.0, **self.options})
-        self.model_ = Model.of_result(identify(_as_recordings(X, y), (), how, fitter=fitter))
+        request = IdentifyRequest.of({"split": 1.0, "structure": self.structure, **self.options})
+        found = identify(_as_recordings(X, y), (), request.options(), fitter=request.fitter())
+        self.model_ = Model.of_result(found)
         self.n_features_in_ = len(COLUMNS)
         return self
 

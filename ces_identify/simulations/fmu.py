@@ -24,6 +24,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from ces_data.arrays import F, I
 from ces_data.recording import Recording
+from ces_identify.prepare.sampling import longest_gap_s
 from ces_identify.prepare.series import usable_samples
 from ces_identify.simulations.parameters import Parameter, with_defaults
 from ces_identify.simulations.simulation import Simulation
@@ -45,7 +46,6 @@ DIMENSIONS = {  # exponents of kg, m, s, A; a valve may be driven by a voltage, 
     "force": {(1, 1, -2, 0)},
 }
 VALID = "valid"  # name of a Boolean output: the force may be used
-GAP_S, GAP_INTERVALS = 0.05, 10.0  # a gap is longer than both, as in `ces_identify.prepare.sampling`
 SMOOTHING_HZ = 70.0  # [Hz] zero-phase low-pass for the speed: above the stroke, below the noise of the position
 MAX_STEPS = 50_000_000
 
@@ -155,15 +155,15 @@ class _Variables:
 
 def find_parameters(description: Any) -> tuple[tuple[Parameter, int], ...]:
     """Return the numbers of causality parameter in the FMU's own units, each with its value reference."""
-    found = []
+    parameters = []
     for v in description.modelVariables:
         if v.causality == "parameter" and v.type in ("Real", "Integer") and v.variability in ("fixed", "tunable"):
             low, high = (float(end) if end is not None else inf for end, inf in ((v.min, -math.inf), (v.max, math.inf)))
             whole = v.type == "Integer"
-            found.append(
+            parameters.append(
                 (Parameter(v.name, float(v.start or 0.0), low, high, _unit(v) or "", whole), int(v.valueReference))
             )
-    return tuple(found)
+    return tuple(parameters)
 
 
 def _unit(variable: Any) -> str | None:
@@ -368,7 +368,7 @@ def _open_instance(description: Any, folder: str, errors: list[str]) -> Iterator
 def split_at_gaps(stamps_ns: I) -> list[I]:
     """Return the indices of the samples of each stretch without a gap, in order, without late samples."""
     steps = np.abs(np.diff(stamps_ns))
-    gap_ns = max(GAP_S * 1e9, GAP_INTERVALS * float(np.median(steps))) if len(steps) else 0.0
+    gap_ns = 1e9 * longest_gap_s(1e9 / max(float(np.median(steps)), 1.0)) if len(steps) else 0.0
     parts = np.split(np.arange(len(stamps_ns)), np.flatnonzero(steps > gap_ns) + 1)
     latest = [np.maximum.accumulate(stamps_ns[part]) for part in parts]
     return [part[np.diff(so_far, prepend=so_far[:1] - 1) > 0] for part, so_far in zip(parts, latest, strict=True)]

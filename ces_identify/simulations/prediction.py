@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.numerics.core import compiled, core_kernel, pointer, with_names
+from ces_identify.numerics.core import compile_tick, core_kernel, pointer, with_names
 from ces_identify.prepare.series import Series
 from ces_observer.model import Model
 from ces_observer.structures.mixture import Mixture
@@ -88,5 +88,5 @@ def _predict(
 def _kernel(runs: tuple[Any, Any]) -> Any:
     """Return the kernel compiled for a structure's reset and tick."""
     reset, tick = runs
-    names = {"structure_reset": compiled(reset), "structure_tick": compiled(tick)}
+    names = {"structure_reset": compile_tick(reset), "structure_tick": compile_tick(tick)}
     return with_names(_predict, f"predict_{runs[1].__name__}", names)

@@ -11,9 +11,15 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
+from ces_identify.limits import TickLimits
 from ces_identify.prepare.series import PositionSamples, interpolate_force, usable_samples
-from ces_identify.simulations.hydraulic_parameters import change_hydraulic, hydraulic_parameters
-from ces_identify.simulations.parameters import Parameter, declared_parameters, with_defaults
+from ces_identify.simulations.parameters import (
+    Parameter,
+    change_hydraulic,
+    declared_parameters,
+    hydraulic_parameters,
+    with_defaults,
+)
 from ces_identify.simulations.simulate import OpenedRecording, open_recording, run_opened
 from ces_observer.errors import CesError
 from ces_observer.model import Model
@@ -141,7 +147,7 @@ class RecordedSimulation(Simulation):
         """Return the recorded prediction [N] interpolated at every position sample."""
         if "sim_force" not in recording.channels:
             raise CesError(f"{recording.name}: no predictions on topic {self.topic}")
-        return interpolate_force(recording, recording.channel("position").stamps_ns, 0.05, "sim_force")
+        return interpolate_force(recording, recording.channel("position").stamps_ns, TickLimits.MIN_GAP_S, "sim_force")
 
 
 def find_predictions(simulation: Simulation) -> RecordedSimulation | None:

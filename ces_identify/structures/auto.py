@@ -20,12 +20,13 @@ from ces_identify.numerics.search import INTERRUPTED, THESIS, Listener, clock_s
 from ces_identify.prepare.series import Series
 from ces_identify.structures import KITS, run_batch
 from ces_identify.structures.forgetting import find_forgetting
+from ces_identify.structures import kit
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
+from ces_identify.structures.mixture import mean_of
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
-from ces_observer.structures.mixture import Mixture, WeightedModel
 
-AUTO = "auto"
+AUTO = kit.AUTO
 REASON = "structures_reason"  # key of the provenance
 
 
@@ -51,14 +52,14 @@ class BestStructure:
             run.fit(name, work[name], 1.0 / (len(shorter) - k))
         for name in [name for name in run.alike() if 0.0 < KITS[name].auto_work < 1.0]:
             run.fit(name, 1.0, 1.0)
-        if not run.found:
+        if not run.fits:
             raise CesError("no structure could be fitted; check signals and units, or give more time")
-        return _choose(run.found, run.alike())
+        return _choose(run.fits, run.alike())
 
 
 @dataclass
 class _Fits:
-    """Fits of several structures to the same data; `found` holds the best of each. An interrupted one is the last."""
+    """Fits of several structures to the same data; `fits` holds the best of each. An interrupted one is the last."""
 
     sizes: Mapping[str, Size]
     series: Sequence[Series]
@@ -68,8 +69,7 @@ class _Fits:
 
     def __post_init__(self) -> None:
         self.end_s = clock_s() + self.options.limits.time
-        self.found: dict[str, Fitted] = {}
-        self._is_over = False
+        self.fits: dict[str, Fitted] = {}
         self._stop = threading.Event()
 
     def fit_side_by_side(self, names: Sequence[str], share: float) -> None:
@@ -82,16 +82,16 @@ class _Fits:
                 for other in others:
                     other.result()
             except KeyboardInterrupt:
-                self._interrupt()
-        if self._is_over and not self.found:
+                self._stop.set()
+        if self._stop.is_set() and not self.fits:
             raise KeyboardInterrupt
 
     def fit(self, name: str, work: float, share: float) -> None:
         """Fit a structure with a share of the default work, and of the time that is left; keep a model that forgets."""
-        if self._is_over:
+        if self._stop.is_set():
             return
         limits = self.options.limits
-        best = min((fitted.results[0].cost for fitted in self.found.values()), default=inf)
+        best = min((fitted.cost for fitted in self.fits.values()), default=inf)
         mine = limits.within(self.end_s, share)
         hopeless = ChoiceLimits.HOPELESS * best if work < 1.0 else inf
         own = replace(mine, work=limits.work * work, hopeless=hopeless, stop=self._stop)
@@ -101,28 +101,24 @@ class _Fits:
         except CesError:
             return
         except KeyboardInterrupt:
-            self._interrupt()
+            self._stop.set()
             return
         if fitted.results[0].ended == INTERRUPTED:
-            self._interrupt()
-        cost = self.found[name].results[0].cost if name in self.found else inf
-        if fitted.results[0].cost < cost and find_forgetting(fitted.model, self.series, how.forget, run_batch).suffices:
-            self.found[name] = fitted
-
-    def _interrupt(self) -> None:
-        self._stop.set()
-        self._is_over = True
+            self._stop.set()
+        cost = self.fits[name].cost if name in self.fits else inf
+        if fitted.cost < cost and find_forgetting(fitted.model, self.series, how.forget, run_batch).suffices:
+            self.fits[name] = fitted
 
     def alike(self) -> list[str]:
         """Return the structures whose cost is at most ALIKE times the least, best first."""
-        costs = {name: fitted.results[0].cost for name, fitted in self.found.items()}
+        costs = {name: fitted.cost for name, fitted in self.fits.items()}
         highest = ChoiceLimits.ALIKE * min(costs.values(), default=inf)
         return [name for name in sorted(costs, key=lambda name: costs[name]) if costs[name] <= highest]
 
 
 def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
     """Return the only fit of `alike`, or the mean of these by 1 / J, with all costs for the provenance."""
-    costs = dict(sorted(((name, fitted.results[0].cost) for name, fitted in fits.items()), key=lambda pair: pair[1]))
+    costs = dict(sorted(((name, fitted.cost) for name, fitted in fits.items()), key=lambda pair: pair[1]))
     shares = [1.0 / max(costs[name], 1e-9) for name in alike]
     weights = [share / sum(shares) for share in shares]
     taken = " and ".join(f"{name} ({weight:.2f})" for name, weight in zip(alike, weights, strict=True))
@@ -145,19 +141,6 @@ def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
         partial(_refit_mean, members, weights),
         all(member.leave_out_recordings for member in members),
     )
-
-
-def mean_of(models: Sequence[Model], weights: Sequence[float]) -> Model:
-    """Return the weighted mean of models on the same samples, with its certificate; means in it are taken apart."""
-    members = []
-    for model, weight in zip(models, weights, strict=True):
-        own = model.body.members if isinstance(model.body, Mixture) else ()
-        members += [replace(member, weight=weight * member.weight) for member in own]
-        members += [] if own else [WeightedModel(weight, model.body, model.force_envelope_N)]
-    lows, highs = zip(*(model.force_envelope_N for model in models), strict=True)
-    mean = Model(models[0].sampling, Mixture(tuple(members)), models[0].envelope, (min(lows), max(highs)))
-    proof = mean.certify()
-    return replace(mean, certificate=proof.to_mapping() if proof.holds else None)
 
 
 def _refit_mean(members: Sequence[Fitted], weights: Sequence[float], ticks: F) -> Model | None:
@@ -192,10 +175,10 @@ def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
         longer = replace(options, limits=limits.within(end, 1.0 - ChoiceLimits.SHORT_SHARE))
         fitted = fitter(series, sampling, longer, listener)
         short = replace(options, limits=replace(limits.within(end), work=ChoiceLimits.SHORT_WORK))
-        costs = {option: fitted.results[0].cost}
+        costs = {option: fitted.cost}
         for name in physical_structures():
             try:
-                costs[name] = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None).results[0].cost
+                costs[name] = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None).cost
             except CesError:
                 continue
         return replace(fitted, how={**fitted.how, "structure": option, "structures": _round_costs(costs)})

@@ -7,8 +7,7 @@ parameters.
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -17,20 +16,16 @@ from typing import ClassVar
 
 import numpy as np
 
+from ces_observer.limits import FileLimits
 from ces_data.arrays import F, I
-from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.core import core_kernel
-from ces_identify.numerics.least_squares import (
-    NormalEquations,
-    Penalty,
-    check_error_first,
-    improve,
-    pull_towards,
-)
-from ces_identify.numerics.search import Limits, Listener, SearchResult, reason_to_end, run_starts
+from ces_identify.numerics.least_squares import NormalEquations, Penalty, check_error_first, improve, pull_towards
+from ces_identify.numerics.search import NO_MORE_GAIN, STEPS_DONE, Listener, SearchResult, SearchStart, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
-from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
+from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit, check_whole, require_models
+from ces_identify.structures.mixture import mean_of
 from ces_identify.training import (
+    DECAY,
     LaggedModels,
     Lags,
     Training,
@@ -38,13 +33,11 @@ from ces_identify.training import (
     build_training,
     normal_equations,
 )
-from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.proof.certificate import largest_gain
-from ces_observer.structures.experts import MAX_EXPERTS, Expert, Experts
+from ces_observer.structures.experts import Expert, Experts
 from ces_observer.structures.lagged_signals import longest_lags
-from ces_observer.structures.mixture import Mixture, WeightedModel
 from ces_observer.tick.experts import (
     EXPERTS_COUNT, EXPERTS_GAINS, EXPERTS_LAYER, EXPERTS_OUTPUTS, EXPERTS_SCALE, experts_force,
 )  # fmt: skip
@@ -61,7 +54,6 @@ FIRST_ROWS = (1.0, 0.1, 0.5)  # standard deviations of gates, and of linear part
 GAIN_PULL = 1e-5  # [(J / 100)^2] of a squared change of a gain's or room's parameter
 LAGS_S = (0.0, 1e-3, 3e-3, 7e-3, 15e-3)  # of speed and current (Dyke: 15 %; with the last four ticks of 3 kHz 20 %),
 LEAST_LAGS = 4  # and at least so many (Keio, 200 Hz: 9 %, with three 11 %)
-DECAY = 3e-6  # [(J / 100)^2] cost of a squared weight
 STARTS, MEMBERS = 6, 3  # starts at most; of these in the mean
 STARTS_TICKS = 120_000  # of all starts together; there are MEMBERS at least
 ROUNDING = 1e-12  # relative, of the limit of a gain
@@ -212,32 +204,21 @@ def descend_in_stages(family: ExpertsFit, params: F) -> Iterator[tuple[bool, F]]
             yield last, params
 
 
-def train_experts(
-    family: ExpertsFit, limits: Limits, listener: Listener, seed: int, deadline: float, stop: threading.Event
-) -> SearchResult:
-    """Return the parameters with the lowest cost on the selection ticks that a seeded start met under the limit."""
-    training, still = family.training, 0
-    best = SearchResult(np.arange(family.count), np.empty(0), np.inf, seed, 0, "steps exhausted")
-    start = family.start(np.random.default_rng(seed))
-    for k, (last, params) in enumerate(descend_in_stages(family, start), 1):
-        ended = reason_to_end(limits, best.cost, deadline, stop)
+def train_experts(family: ExpertsFit, start: SearchStart) -> SearchResult:
+    """Return the parameters with the lowest cost on the selection ticks that a start met under the limit."""
+    training, still, ended = family.training, 0, ""
+    for k, (last, params) in enumerate(descend_in_stages(family, family.start(start.random)), 1):
+        ended = start.reason_to_end()
         if last or ended:
             cost, still = training.cost(family.force(params), training.selection), still + 1
-            if cost < (1.0 - WORTHWHILE) * best.cost:
+            if cost < (1.0 - WORTHWHILE) * start.best.cost:
                 still = 0
-            if cost < best.cost:
-                best = replace(best, coefficients=params, cost=cost, trials=k)
-                listener(best)
-        if ended or still >= PATIENCE:
-            return replace(best, ended=ended or "no more gain on the selection ticks", share=1.0)
-    return replace(best, share=1.0)
-
-
-def refit_member(family: ExpertsFit, params: F, weights: F) -> F:
-    """Return the parameters after a few more steps on ticks with these weights (ticks,)."""
-    every = len(weights) // LAST_TICKS
-    again = replace(family, training=take_every(replace(family.training, estimation=weights), every))
-    return [params, *again.improve(params, REFIT_STEPS)][-1]
+            if cost < start.best.cost:
+                start.keep(chosen=np.arange(family.count), coefficients=params, cost=cost, trials=k)
+        ended = ended or (NO_MORE_GAIN if still >= PATIENCE else "")
+        if ended:
+            break
+    return replace(start.best, ended=ended or STEPS_DONE, share=1.0)
 
 
 def choose_lags(rate_Hz: float) -> tuple[float, ...]:
@@ -257,37 +238,25 @@ def fit_experts(
     family = ExpertsFit(training, (*inputs, past), count, limit, DECAY)
     starts = min(options.limits.starts, STARTS, max(MEMBERS, STARTS_TICKS // len(training.measured)))
     limits = replace(options.limits, starts=starts)
-    results = run_starts(limits, partial(train_experts, family, limits, listener))
-    highest = ChoiceLimits.EXPERTS_ALIKE * results[0].cost
-    best = [start for start in results if start.cost <= highest and np.isfinite(start.cost)][:MEMBERS]
-    if not best:
-        raise CesError("no start of the experts' fit gave a model; give more time, starts or data")
-    members = [start.coefficients for start in best]
+    results = require_models(run_starts(limits, listener, partial(train_experts, family)), EXPERTS.option)
+    members = [start.coefficients for start in results[:MEMBERS]]
     mean = np.mean([family.force(params) for params in members], axis=0)
     results[0] = replace(results[0], cost=training.cost(mean, training.selection))
     listener(results[0])
-    make = partial(_build_model, family, sampling)
-    model = make([refit_member(family, params, training.estimation + training.selection) for params in members])
+    make = partial(_make_mean, family, sampling, members)
     how = {
         "method": "Levenberg-Marquardt on the free-run error, from free gains into bounded ones; the mean of the best",
         "parameters": sum(map(len, members)),
     }
-    certified = replace(model, certificate=model.certify().to_mapping())
-    return Fitted(certified, results, how, partial(_refit_mean, family, members, make))
+    return Fitted(make(np.ones(len(training.measured))), results, how, make)
 
 
-def _build_model(family: ExpertsFit, sampling: Sampling, members: Sequence[F]) -> Model:
-    """Return the mean of members, or the only one."""
-    training = family.training
-    bodies = [family.body(params) for params in members]
-    mean = Mixture(tuple(WeightedModel(1.0 / len(bodies), body, training.force_envelope) for body in bodies))
-    return Model(sampling, mean if len(bodies) > 1 else bodies[0], training.envelope, training.force_envelope)
-
-
-def _refit_mean(family: ExpertsFit, members: Sequence[F], make: Callable[[Sequence[F]], Model], weights: F) -> Model:
-    """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
-    kept = weights * (family.training.estimation + family.training.selection)
-    return make([refit_member(family, params, kept) for params in members])
+def _make_mean(family: ExpertsFit, sampling: Sampling, members: Sequence[F], weights: F) -> Model:
+    """Return the mean of members with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
+    data = replace(family.training, estimation=weights * family.training.everything)
+    again = replace(family, training=take_every(data, len(weights) // LAST_TICKS))
+    models = [family.model([params, *again.improve(params, REFIT_STEPS)][-1], sampling) for params in members]
+    return mean_of(models, [1.0 / len(models)] * len(models))
 
 
 def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
@@ -307,15 +276,10 @@ def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], 
     return parameter_section(about, heads, rows, symbols)
 
 
-def _check_count(text: str) -> object:
-    if not text.isdecimal() or not 1 <= int(text) <= MAX_EXPERTS:
-        raise ValueError(f"{text!r} is not a whole number from 1 to {MAX_EXPERTS}")
-    return text
-
-
 COUNT = Option(
-    "experts", "6", "number of gated experts", form=f"1 to {MAX_EXPERTS}", check_text=_check_count, metavar="N"
-)
+    "experts", "6", "number of gated experts", form=f"1 to {FileLimits.MAX_ITEMS}",
+    check_text=check_whole(1, FileLimits.MAX_ITEMS), metavar="N",
+)  # fmt: skip
 EXPERTS = StructureKit(
     about="gated experts that forget",
     body=Experts,

@@ -20,6 +20,8 @@ from ces_identify.prepare.series import Series
 from ces_observer.model import Model
 
 PASTS = 24
+PAST_S, JOIN_S = 2.0, 0.25  # [s] length of a past, and of the way from its end to where the same input begins
+TAIL = 0.05  # share of the time at the end in which differences count
 SLOW = 0.05  # of the fastest speed, in slow triangles
 NOISE_HZ = (0.3, 12.0)
 SERIES = 3  # of the recordings, the longest
@@ -92,7 +94,7 @@ def measure_forgetting(
     Without `pasts`, only starts anew along the recordings are run. `run` is the batch run of the model.
     """
     chosen = sorted(series, key=len)[-SERIES:]
-    runs = [(recorded, run(model, _inputs(recorded), recorded.segments)[0]) for recorded in chosen]
+    runs = [(recorded, run(model, recorded.inputs, recorded.segments)[0]) for recorded in chosen]
     spread = float(np.std(np.concatenate([force for _, force in runs])))
     left = _left_of_pasts(partial(run, model), _Courses(model, chosen, after_s), spread) if pasts else {}
     low, high = model.force_envelope_N
@@ -110,16 +112,12 @@ def _left_of_pasts(run: ModelRun, courses: _Courses, spread_N: float) -> dict[st
     return left
 
 
-def _inputs(series: Series) -> Course:
-    return np.stack([series.position, series.speed, series.current])
-
-
 def _left(run: ModelRun, courses: Sequence[Course], ticks: int) -> float:
     """Return the largest difference of the forces [N] in the last TAIL of `ticks`, at which all courses are equal."""
     length = courses[0].shape[1]
     starts = length * np.arange(len(courses))
     force, _ = run(np.concatenate(courses, axis=1), np.stack([starts, starts + length], axis=1))
-    tail = force.reshape(len(courses), length)[:, -max(1, round(ForgettingLimits.TAIL * ticks)) :]
+    tail = force.reshape(len(courses), length)[:, -max(1, round(TAIL * ticks)) :]
     return float(np.ptp(tail, axis=0).max())
 
 
@@ -131,7 +129,7 @@ def _settling_s(run: ModelRun, series: Series, force: F, limit_N: float, after_s
     first, stop = series.segments[np.diff(series.segments)[:, 0].argmax()]
     length = min(round(2.0 * after_s * series.rate_Hz), (stop - first) // 2)
     starts = np.linspace(first, stop - length, RESTARTS + 1).astype(np.int64)[1:]
-    parts = [_inputs(series)[:, at : at + length] for at in starts]
+    parts = [series.inputs[:, at : at + length] for at in starts]
     ends = length * np.arange(1, RESTARTS + 1)
     anew, _ = run(np.concatenate(parts, axis=1), np.stack([ends - length, ends], axis=1))
     apart = (anew - np.concatenate([force[at : at + length] for at in starts])).reshape(RESTARTS, length)
@@ -152,8 +150,8 @@ class _Courses:
         self.low, self.high = envelope.position_m
         self.fastest = min(map(abs, envelope.speed_m_s)) or max(map(abs, envelope.speed_m_s))
         self.currents = sorted({*envelope.current_A, 0.5 * sum(envelope.current_A)})
-        self.past = round(ForgettingLimits.PAST_S * self.rate)
-        self.same = max(1, round(after_s * self.rate / (1.0 - ForgettingLimits.TAIL)))
+        self.past = round(PAST_S * self.rate)
+        self.same = max(1, round(after_s * self.rate / (1.0 - TAIL)))
         self.random = np.random.default_rng(0)
 
     def pasts(self) -> list[Course]:
@@ -208,11 +206,11 @@ class _Courses:
         if stop - first < ticks:
             return None
         at = int(self.random.integers(first, stop - ticks + 1))
-        return _inputs(chosen)[:, at : at + ticks]
+        return chosen.inputs[:, at : at + ticks]
 
     def join(self, past: Course, same: Course) -> Course:
         """Return a past, the way from its end to the beginning of what follows, and that."""
-        ticks = max(2, round(ForgettingLimits.JOIN_S * self.rate))
+        ticks = max(2, round(JOIN_S * self.rate))
         shares = np.linspace(0.0, 1.0, ticks + 1)[1:]
         way = past[:, -1:] + shares * (same[:, :1] - past[:, -1:])
         way[1] = (same[0, 0] - past[0, -1]) * self.rate / ticks

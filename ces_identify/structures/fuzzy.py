@@ -18,17 +18,8 @@ from markupsafe import Markup
 
 from ces_data.arrays import F, I
 from ces_identify import training
+from ces_identify.numerics import least_squares
 from ces_identify.numerics.core import core_kernel
-from ces_identify.numerics.least_squares import (
-    NO_MODEL,
-    DescentPoint,
-    Equations,
-    NormalEquations,
-    Penalty,
-    damped_step,
-    evaluate,
-    pull_towards,
-)
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
@@ -176,21 +167,21 @@ class FuzzyFit(training.Family):
             blended.append(firings @ consequents / firings.sum())
         return np.concatenate([np.ravel(blended), self.grid_bells.ravel()])
 
-    def normal_equations(self, table: RegressorTable, params: F, max_error: float) -> NormalEquations:
+    def normal_equations(self, table: RegressorTable, params: F, max_error: float) -> least_squares.NormalEquations:
         """Return the normal equations; memberships of extreme slopes are no model."""
         slopes = np.exp(self.parts(params)[1][:, 2])
         if slopes.min() < MIN_SLOPE or slopes.max() > MAX_SLOPE:
-            return NO_MODEL
+            return least_squares.NO_MODEL
         return super().normal_equations(table, params, max_error)
 
     @property
-    def pull(self) -> Penalty:
+    def pull(self) -> least_squares.Penalty:
         """The pull of consequents towards 0, and of memberships towards those of the grid."""
         consequents = len(self.rules) * (1 + len(self.regressors))
         stiffness = np.full(self.grid_bells.shape, STIFFNESS)
         stiffness[:, 0] /= np.exp(2.0 * self.grid_bells[:, 1])
         centre = np.concatenate([np.zeros(consequents), self.grid_bells.ravel()])
-        return pull_towards(centre, np.concatenate([np.full(consequents, self.decay), stiffness.ravel()]))
+        return least_squares.pull_towards(centre, np.concatenate([np.full(consequents, self.decay), stiffness.ravel()]))
 
     def gains(self, params: F) -> tuple[F, F]:
         """Return each rule's gain of the past forces (rules,) and its gradient (rules, parameters)."""
@@ -217,21 +208,21 @@ class FuzzyFit(training.Family):
         return Fuzzy(self.regressors, self.training.scale_N, premises, rules)
 
 
-def learn_hybrid(equations: Equations, pull: Penalty, params: F, consequents: int) -> F:
+def learn_hybrid(equations: least_squares.Equations, pull: least_squares.Penalty, params: F, consequents: int) -> F:
     """Return parameters after hybrid learning (Jang 1993): `consequents` by least squares, then the premises."""
 
-    def move(point: DescentPoint, part: slice, damping: float) -> F:
+    def move(point: least_squares.DescentPoint, part: slice, damping: float) -> F:
         moved = point.params.copy()
-        moved[part] += damped_step(point.total.matrix[part, part], point.total.gradient[part], damping)
+        moved[part] += least_squares.damped_step(point.total.matrix[part, part], point.total.gradient[part], damping)
         return moved
 
-    first, point = slice(consequents), evaluate(equations, [pull], params)
+    first, point = slice(consequents), least_squares.evaluate(equations, [pull], params)
     for _ in range(HYBRID_STEPS):
-        solved = point and evaluate(equations, [pull], move(point, first, 0.0))
+        solved = point and least_squares.evaluate(equations, [pull], move(point, first, 0.0))
         if solved is None:
             break
         premises = move(solved, slice(consequents, None), HYBRID_DAMPING)
-        point = evaluate(equations, [pull], premises, solved.value) or solved
+        point = least_squares.evaluate(equations, [pull], premises, solved.value) or solved
     return params if point is None else point.params
 
 
@@ -249,7 +240,7 @@ class FuzzyShape(LaggedShape):
     currents: int = 2
     current_delay_s: float = 0.008  # of the current in the premises
     lags: training.Lags | training.LagCounts | None = None
-    decay: float = 3e-6  # [(J / 100)^2] cost of a squared consequent
+    decay: float = training.DECAY
     strokes: int = 1
 
     def with_inputs(self, lags: training.Lags | training.LagCounts, stroke: bool) -> FuzzyShape:

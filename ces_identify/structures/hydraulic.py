@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F
+from ces_identify.limits import EnvelopeLimits, HeldCurrentLimits
 from ces_identify.numerics.search import Listener
 from ces_identify.physical import quantities
 from ces_identify.physical.laws import STARTS
@@ -19,9 +20,17 @@ from ces_identify.physical.models import HydraulicModels
 from ces_identify.physical.physical_search import SHORT_WORK, PhysicalFit, PhysicalSearch
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.forgetting import measure_forgetting
-from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size, StructureKit
+from ces_identify.structures.kit import (
+    AUTO,
+    Fitted,
+    Fitter,
+    IdentifyOptions,
+    Size,
+    StructureKit,
+    check_whole,
+    require_models,
+)
 from ces_identify.training import Training, build_training
-from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.structures.hydraulic import EDGES, Hydraulic
@@ -29,10 +38,7 @@ from ces_report.table import Section, text_table
 from ces_report.typesetting import Chart, ChartCurve, four_figures, minus
 
 METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pull and bypass by the selection data"
-AUTO = "auto"
 CURVES = 5
-HOLD = 1.5  # forces at which they are held, relative to the largest recorded
-WINDOW_S, STEADY, HELD = 1.0, 0.08, 0.9  # windows in which the current changes little, and their share if it was held
 BLOCK_S = 1.0
 
 
@@ -50,8 +56,7 @@ def _fit(
     held = is_held(training, sampling.rate_Hz)
     search = PhysicalSearch(how.limits, tell)
     fits = search.run(training, scales, kinds, rows, held)
-    if not fits:
-        raise CesError("no start of the hydraulic fit gave a finite cost; check signals and units")
+    require_models([fit.result for fit in fits], Hydraulic.option)
     best = replace(fits[0], theta=search.refit(fits[0]))
     if not measure_forgetting(_build_model(best, sampling), series, how.forget).suffices:
         best = replace(best, models=replace(best.models, leaks=True))
@@ -72,13 +77,14 @@ def _fit(
 
 def is_held(training: Training, rate_Hz: float) -> bool:
     """Return whether the current was held while the damper moved, as on a dyno: its path then shows nowhere."""
-    current, length = training.inputs[2], max(1, round(WINDOW_S * rate_Hz))
+    current, length = training.inputs[2], max(1, round(HeldCurrentLimits.WINDOW_S * rate_Hz))
     spans = [
         float(np.ptp(current[at : at + length]))
         for start, stop in training.segments
         for at in range(start, max(start + 1, stop - length), length)
     ]
-    return bool(np.mean(np.array(spans) <= STEADY * max(float(np.ptp(current)), 1e-9)) >= HELD)
+    steady = np.array(spans) <= HeldCurrentLimits.STEADY * max(float(np.ptp(current)), 1e-9)
+    return bool(np.mean(steady) >= HeldCurrentLimits.SHARE)
 
 
 def explain_kind(fits: Sequence[PhysicalFit], rate_Hz: float) -> str:
@@ -111,11 +117,11 @@ def _refit(search: PhysicalSearch, best: PhysicalFit, sampling: Sampling, weight
 
 
 def _build_model(fit: PhysicalFit, sampling: Sampling) -> Model:
-    """Return the model; its forces are held at HOLD times the largest recorded, its pressures beyond those met."""
+    """Return the model; its forces and pressures are held beyond those met."""
     models = fit.models.hold_pressures(fit.theta)
     training = models.training
-    scored = training.estimation + training.selection > 0.0
-    most = HOLD * float(np.abs(training.measured[scored]).max())
+    scored = training.everything > 0.0
+    most = EnvelopeLimits.HELD_FORCE * float(np.abs(training.measured[scored]).max())
     model = Model(sampling, models.body(fit.theta), training.envelope, (-most, most))
     return replace(model, certificate=model.certify().to_mapping())
 
@@ -201,16 +207,10 @@ def _valve_chart(body: Hydraulic) -> Chart:
     return Chart("Valves", "Flow [m/s]", "Pressure drop [N]", tuple(curves), VALVES)
 
 
-def _check_curves(text: str) -> object:
-    if not text.isdecimal() or not 2 <= int(text) <= 8:
-        raise ValueError(f"{text!r} is not a whole number from 2 to 8")
-    return text
-
-
 KIND = Option("kind", AUTO, "kind of damper of a hydraulic network", choices=(AUTO, *STARTS))
 CURVES_OPTION = Option(
     "curves", str(CURVES), "curves of the valve that the current moves, in a hydraulic network", form="2 to 8",
-    check_text=_check_curves, metavar="N",
+    check_text=check_whole(2, 8), metavar="N",
 )  # fmt: skip
 KIT: StructureKit[Hydraulic] = StructureKit(
     "hydraulic network: two chambers, a reservoir and their valves",

@@ -7,21 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any, Generic, TypeVar
 
 from ces_data.arrays import F, I, Mask
 from ces_identify.numerics.core import run_batch
 from ces_identify.numerics.search import Limits, Listener, SearchResult
 from ces_identify.physical.models import HydraulicModels
-from ces_identify.polynomial.candidates import CandidateRules
+from ces_identify.polynomial.candidate_rules import CandidateRules
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series, SimulatedSeries
+from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.structures.structure import OperatingRange, Structure
 from ces_report.table import Section
 
 Size = bool | int | float | str
+AUTO = "auto"  # of a size, or the structure: the data choose
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,25 @@ class IdentifyOptions:
         return self.split if self.split is not None else 1.0 if validation else 0.75
 
 
+def require_models(results: Sequence[SearchResult], option: str) -> list[SearchResult]:
+    """Return the results with a finite cost; raises CesError if no start of a structure's fit gave one."""
+    models = [result for result in results if isfinite(result.cost)]
+    if not models:
+        raise CesError(f"no start of the {option} fit gave a model; check signals, or give more starts or data")
+    return models
+
+
+def check_whole(low: int, high: int) -> Callable[[str], object]:
+    """Return the check of a size that is a whole number from `low` to `high`; it raises ValueError."""
+
+    def check(text: str) -> object:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            raise ValueError(f"{text!r} is not a whole number from {low} to {high}")
+        return text
+
+    return check
+
+
 @dataclass(frozen=True)
 class Fitted:
     """A model, the results of all starts (best first), and the selection facts for the model's provenance.
@@ -67,6 +89,11 @@ class Fitted:
     how: Mapping[str, Any]
     refit: Callable[[F], Model | None] | None = None
     leave_out_recordings: bool = True
+
+    @property
+    def cost(self) -> float:
+        """The cost [%] of the model on the selection ticks."""
+        return self.results[0].cost
 
 
 # Returns the best model on prepared series; raises CesError if they hold too little.

@@ -11,7 +11,6 @@ are kept.
 
 from __future__ import annotations
 
-import threading
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,22 +22,23 @@ from typing import ClassVar, Self
 import numpy as np
 
 from ces_data.arrays import F
-from ces_identify.limits import ChoiceLimits
+from ces_identify.limits import ChoiceLimits, StabilityLimits
 from ces_identify.numerics.least_squares import descend, limit_gains
 from ces_identify.numerics.search import (
     INTERRUPTED,
+    NO_MORE_GAIN,
     WORK_IS_DONE,
     Limits,
     Listener,
     SearchResult,
-    reason_to_end,
+    SearchStart,
     run_starts,
     spread_work,
 )
 from ces_identify.prepare.series import Series
-from ces_identify.structures.kit import Fitted, IdentifyOptions
-from ces_identify.training import LAG_SETS, MAX_GAIN, Family, LagCounts, Lags, Training, build_training
-from ces_observer.errors import CesError
+from ces_identify.structures.kit import Fitted, IdentifyOptions, require_models
+from ces_identify.training import LAG_SETS, Family, LagCounts, Lags, Training, build_training
+from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Model, Sampling
 from ces_observer.proof.certificate import largest_gain
 from ces_observer.structures.lagged_signals import longest_lags
@@ -48,7 +48,7 @@ LAG_WORK, LAG_SIZE = 0.03, 6  # of a fit that chooses lags: share of the work of
 STROKE_WORK, STROKE_SIZE = 0.1, 20  # of a fit that shows whether the stroke counts
 
 
-PENALTY_MARGIN = 0.002  # below MAX_GAIN, where the penalty begins
+PENALTY_MARGIN = 0.002  # below the greatest gain, where the penalty begins
 PENALTIES = (10.0, 100.0, 1e3, 1e4)  # [(J / 100)^2] on a squared excess of gain, raised until there is no excess
 # A descent begins free, ended after FREE_PATIENCE steps without improvement. Limits then fall from its gain, at most
 # FIRST_LIMIT times the last one, in STAGES of a small penalty: on keio and shaking_table J is 20 % lower than straight
@@ -57,7 +57,6 @@ WORK = 1.2e11  # of a start: ticks times squared parameters, of all steps
 MAX_STEPS = 300  # of a descent
 PATIENCE = 25  # steps without improvement on the selection ticks, after which the last one ends
 MIN_IMPROVEMENT = 1e-3  # relative
-NO_MORE_GAIN = "no more gain on the selection ticks"
 NO_STEP, DIVERGED = "no step lowers the error", "start diverged"
 GOES_ON = (NO_MORE_GAIN, NO_STEP, DIVERGED)  # ends of a descent, after which the start climbs on
 
@@ -87,16 +86,16 @@ class LaggedShape(ABC):
         shape = self if self.lags is not None else self._choose_lags(data, sampling.rate_Hz, options)
         family = shape.family(data, sampling.rate_Hz)
         gain = largest_gain(options.forget, *longest_lags(family.columns), sampling.rate_Hz)
-        results = train(family, options.limits, options.certificate, listener, min(MAX_GAIN, gain))
-        if not results:
-            raise CesError(f"no start of the {self.option} fit gave a stable model; give more starts or data")
+        results = train(family, options.limits, options.certificate, listener, min(StabilityLimits.MAX_GAIN, gain))
+        require_models(results, self.option)
         params = results[0].coefficients
         family = next(rung for rung in family.ladder() if rung.size == len(results[0].chosen))
         model = family.model(params, sampling)
         if options.certificate:
             certificate = model.certify()
             if not certificate.holds:
-                raise CesError("the model could not be proved stable; try other sizes or give --no-certificate")
+                advice = "try other sizes or give "
+                raise CesError(f"the model could not be proved stable; {advice}", OptionName("certificate", False))
             model = replace(model, certificate=certificate.to_mapping())
         how = {"method": "Levenberg-Marquardt on the free-run error, stopped early", "parameters": len(params)}
         return Fitted(model, results, how, partial(_refit, family, params, sampling))
@@ -120,7 +119,7 @@ class LaggedShape(ABC):
 def _refit(family: Family, params: F, sampling: Sampling, weights: F) -> Model | None:
     """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
     data = family.training
-    weighted = replace(family, training=replace(data, estimation=weights * (data.estimation + data.selection)))
+    weighted = replace(family, training=replace(data, estimation=weights * data.everything))
     for point in islice(descend(weighted.equations, params, [weighted.pull]), REFIT_STEPS):
         params = point.params
     return weighted.model(params, sampling)
@@ -131,7 +130,7 @@ def train(
     limits: Limits,
     certificate: bool = True,
     listener: Listener = lambda result: None,
-    max_gain: float = MAX_GAIN,
+    max_gain: float = StabilityLimits.MAX_GAIN,
 ) -> list[SearchResult]:
     """Run the starts in parallel threads and return their results, best first, without starts that failed.
 
@@ -140,26 +139,17 @@ def train(
     `coefficients` are its parameters.
     """
     limits = spread_work(limits, len(family.training.measured))
-    results = run_starts(
-        limits,
-        lambda seed, deadline, stop: _Start(
-            family, limits, seed, certificate, deadline, stop, listener, max_gain
-        ).run(),
-    )
+    results = run_starts(limits, listener, lambda start: _Climb(family, start, certificate, max_gain).run())
     return [result for result in results if np.isfinite(result.cost)]
 
 
 @dataclass
-class _Start:
-    """One seeded start; `family` is that of the present size."""
+class _Climb:
+    """One start on its way up the ladder; `family` is that of the present size."""
 
     family: Family
-    limits: Limits
-    seed: int
+    start: SearchStart
     certificate: bool
-    deadline: float
-    stop: threading.Event
-    listener: Listener
     max_gain: float
     step: int = 0
     spent: float = 0.0  # share of the work
@@ -168,24 +158,19 @@ class _Start:
     began_at: int = 0  # step of the present descent,
     patience: int = PATIENCE  # and steps without improvement after which it ends
 
-    def __post_init__(self) -> None:
-        self.random = np.random.default_rng(self.seed)
-        self.best = SearchResult(np.empty(0, np.int64), np.empty(0), np.inf, self.seed, 0, "running")
-
     def run(self) -> SearchResult:
         """Descend at each size until the cost on the selection ticks stops falling; return the best parameters."""
-        ended, ladder = self._find_stop_reason(), self.family.ladder()
+        ended, ladder, start = self._find_stop_reason(), self.family.ladder(), self.start
         for family in ladder:
             if ended in ("", *GOES_ON):
                 self.family = family
-                ended = self._descend(family.start(self.random))
-            smaller = next((rung for rung in ladder if rung.size == len(self.best.chosen)), family)
+                ended = self._descend(family.start(start.random))
+            smaller = next((rung for rung in ladder if rung.size == len(start.best.chosen)), family)
             if ended in GOES_ON and smaller.size < family.size:
-                ended = self._descend(family.grow(smaller, self.best.coefficients, self.random))
-        self.best = replace(self.best, ended=ended, share=1.0)
-        if np.isfinite(self.best.cost):
-            self.listener(self.best)
-        return self.best
+                ended = self._descend(family.grow(smaller, start.best.coefficients, start.random))
+        if np.isfinite(start.best.cost):
+            start.keep(ended=ended, share=1.0)
+        return start.best
 
     def _descend(self, params: F) -> str:
         """Descend without a limit on the gain, then under limits that fall to `max_gain`; return why it ended."""
@@ -214,7 +199,9 @@ class _Start:
                 self._evaluate(point.params)
             params = point.params
             self.step += 1
-            self.spent += len(self.family.training.measured) * len(params) ** 2 / max(1.0, WORK * self.limits.work)
+            self.spent += (
+                len(self.family.training.measured) * len(params) ** 2 / max(1.0, WORK * self.start.limits.work)
+            )
             ended = self._find_stop_reason()
             if ended:
                 break
@@ -224,13 +211,12 @@ class _Start:
         cost = self.family.training.cost(self.family.force(params), self.family.training.selection)
         if cost < self.lowest * (1.0 - MIN_IMPROVEMENT):
             self.lowest, self.improved_at = cost, self.step
-        if cost < self.best.cost and self._is_allowed(params):
+        if cost < self.start.best.cost and self._is_allowed(params):
             chosen, share = np.arange(self.family.size), min(1.0, self.spent)
-            self.best = SearchResult(chosen, params, cost, self.seed, self.step + 1, "running", share)
-            self.listener(self.best)
+            self.start.keep(chosen=chosen, coefficients=params, cost=cost, trials=self.step + 1, share=share)
 
     def _find_stop_reason(self) -> str:
-        reason = reason_to_end(self.limits, self.best.cost, self.deadline, self.stop)
+        reason = self.start.reason_to_end()
         if reason or self.spent >= 1.0:
             return reason or WORK_IS_DONE
         still = self.step - self.improved_at >= self.patience or self.step - self.began_at >= MAX_STEPS

@@ -1,17 +1,18 @@
-"""Means of models at the desk: batch run and report. `auto` makes them of models that it has fitted."""
+"""Means of models at the desk: how they are made of fitted models, batch run and report."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import Fitter, Size, StructureKit
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Model
-from ces_observer.structures.mixture import Mixture
+from ces_observer.structures.mixture import Mixture, WeightedModel
 from ces_observer.structures.structure import OperatingRange
 from ces_report.table import Section, parameter_section
 from ces_report.typesetting import four_figures
@@ -20,6 +21,19 @@ ABOUT = (
     "The force is the mean of these models' forces by weight; each runs on its own past, in its own range of forces."
 )
 HEADS = ("Model", "Weight", "Size", "Lowest force [N]", "Highest [N]")
+
+
+def mean_of(models: Sequence[Model], weights: Sequence[float]) -> Model:
+    """Return the weighted mean of models on the same samples, with its certificate; means in it are taken apart."""
+    members = []
+    for model, weight in zip(models, weights, strict=True):
+        own = model.body.members if isinstance(model.body, Mixture) else ()
+        members += [replace(member, weight=weight * member.weight) for member in own]
+        members += [] if own else [WeightedModel(weight, model.body, model.force_envelope_N)]
+    lows, highs = zip(*(model.force_envelope_N for model in models), strict=True)
+    mean = Model(models[0].sampling, Mixture(tuple(members)), models[0].envelope, (min(lows), max(highs)))
+    proof = mean.certify()
+    return replace(mean, certificate=proof.to_mapping() if proof.holds else None)
 
 
 def run_mixture(body: Mixture, within: OperatingRange, inputs: F, segments: I) -> tuple[F, Mask]:
@@ -45,7 +59,8 @@ def mixture_table(body: Mixture, model: Model, runs: Sequence[SimulatedSeries], 
 
 
 def _refuse(sizes: Mapping[str, Size]) -> Fitter:
-    raise CesError("a mixture is no structure to fit: `--structure auto` makes it of the models that it has fitted")
+    auto = OptionName("structure", "auto")
+    raise CesError("a mixture is no structure to fit: ", auto, " makes it of the models that it has fitted")
 
 
 MIXTURE = StructureKit(

@@ -12,9 +12,10 @@ from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
 from ces_identify.numerics.least_squares import Penalty, pull_towards
 from ces_identify.prepare.series import SimulatedSeries
-from ces_identify.structures.kit import StructureKit
+from ces_identify.structures.kit import AUTO, StructureKit
 from ces_identify.structures.lagged import LaggedShape
 from ces_identify.training import (
+    DECAY,
     LAG_SETS,
     Family,
     LagCounts,
@@ -139,7 +140,6 @@ class NetworkFit(Family):
         return Network(self.regressors, self.training.scale_N, float(params[0]), linear, units)
 
 
-AUTO = "auto"
 MAX_COUNT = 20  # lags of a signal: three times as many stay below MAX_REGRESSORS
 
 
@@ -150,7 +150,7 @@ class NetworkShape(LaggedShape):
     option: ClassVar[str] = Network.option
     units: int = 10
     lags: Lags | LagCounts | None = None
-    decay: float = 3e-6  # [(J / 100)^2]
+    decay: float = DECAY
     stroke: bool = False
 
     def with_inputs(self, lags: Lags | LagCounts, stroke: bool) -> NetworkShape:

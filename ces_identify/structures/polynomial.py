@@ -14,17 +14,16 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, I
-from ces_identify.limits import TickLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.search import THESIS, Listener, SearchResult, clock_s
-from ces_identify.polynomial.constructed import add_stroke_if_needed, find_time_constants, restrict_to_data
+from ces_identify.polynomial.constructed import find_time_constants, restrict_to_data
 from ces_identify.polynomial.free_run_fit import fit_free_run, refit_coefficients
-from ces_identify.polynomial.problem import Problem, assemble_problem, compile_terms, pieces
+from ces_identify.polynomial.problem import Problem, assemble_problem, lay_out_terms, pieces
 from ces_identify.polynomial.rules_file import load_rules
 from ces_identify.polynomial.selection import search
-from ces_identify.prepare.series import Series, SimulatedSeries
+from ces_identify.prepare.series import Series, SimulatedSeries, changes
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.proof.certificate import largest_gain
 from ces_observer.structures.constructed_inputs import (
@@ -50,7 +49,7 @@ from ces_report.typesetting import (
 NO_CANDIDATE = "no candidate lowered the cost below 100 %; check signs, signals and rules"
 NO_MODEL_BY_THESIS = (
     "no model below 100 %: the free run of the initial model diverges or follows nothing, and no candidate mends that; "
-    "give another initial model or more candidates, or a lower --rate"
+    "give another initial model or more candidates, or a lower rate"
 )
 REFIT_STEPS = 8
 PROOF_ROOM = 0.003  # of the gain, between the probed inputs and all
@@ -87,19 +86,15 @@ def fit_polynomial(
 def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
     """Return the problem of choosing terms on prepared series, with all open time constants determined.
 
-    The built-in rules get sub-models over the stroke if the data ask for them. What a time limit ends is left as it is.
+    What a time limit ends is left as it is.
     """
     end = clock_s() + MAX_BUILD_SHARE * options.limits.time
     rules = options.candidates or load_rules(None, options.limits.method)
-    built_in = rules == load_rules(None)
     stable = options.certificate and options.limits.method != THESIS
-    current = np.concatenate([series.current for series in training])
-    if np.ptp(current) <= TickLimits.MIN_CHANGE * max(1e-9, float(np.abs(current).max())):
+    if not changes(np.concatenate([series.current for series in training])):
         rules = rules.without_signal("current")
     rules = restrict_to_data(rules.at_rate(training[0].rate_Hz), training)
     rules = find_time_constants(rules, training, options.limits.within(end), stable, options.weight)
-    if built_in:
-        rules = add_stroke_if_needed(rules, training, options.limits.within(end), stable, options.weight)
     problem = assemble_problem(training, rules.candidates(), stable, options.weight)
     past = max((term.output_lag for term in problem.candidates), default=0)
     inputs = max((f.lag for term in problem.candidates for f in term.inputs), default=0)
@@ -130,9 +125,8 @@ def _best_model(
         if prove:
             model = replace(model, certificate=model.certify().to_mapping())
         return model, [best, *(result for result in results if result.cost >= best.cost and result is not best)]
-    raise CesError(
-        "no model could be proved stable; multiply past forces by fewer different lags, or give --no-certificate"
-    )
+    advice = "multiply past forces by fewer different lags, or give "
+    raise CesError(f"no model could be proved stable; {advice}", OptionName("certificate", False))
 
 
 def _model(problem: Problem, sampling: Sampling, best: SearchResult, refit: bool = True) -> Model:
@@ -207,7 +201,7 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
         term, cells = polynomial.terms[t], ("\N{EN DASH}", "\N{EN DASH}")
         if whole > 0.0:
             part, share = float(parts[t]), 100.0 * float(parts[t]) / whole
-            cells = three_figures(part), BAR.format(three_figures(share), min(share, 100.0))
+            cells = three_figures(part), BAR.format(three_figures(share), min(share, 100.0), "")
         name, coefficient = format_term(term, model.envelope), minus(f"{term.coefficient:.5g}")
         rows.append((name, coefficient, coefficient_unit(term), *cells))
     equation = Markup("<var>F</var>(<var>k</var>) = Σ coefficient · regressor")
@@ -232,9 +226,8 @@ def contributions(polynomial: Polynomial, model: Model, runs: Sequence[Simulated
 def term_forces(polynomial: Polynomial, model: Model, simulated: SimulatedSeries) -> list[tuple[int, F]]:
     """Return each term's force [N] along the free run, which they add up to: pieces of first tick, (terms, ticks)."""
     series, run = simulated.series, simulated.run
-    inputs = np.stack([series.position, series.speed, series.current])
-    terms = compile_terms(polynomial.terms)
-    powers = terms.power_table(model.envelope, inputs, series.segments, model.sampling.rate_Hz)
+    terms = lay_out_terms(polynomial.terms)
+    powers = terms.power_table(model.envelope, series.inputs, series.segments, model.sampling.rate_Hz)
     gain = np.array([term.coefficient for term in polynomial.terms])[:, None]
     forces = []
     for s, k0, k1 in pieces(series.segments):

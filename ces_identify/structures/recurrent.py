@@ -6,17 +6,17 @@ selection ticks is computed now and then, and the parameters with the lowest cos
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.numerics.search import Limits, Listener, SearchResult, reason_to_end, run_starts
+from ces_identify.limits import ChoiceLimits
+from ces_identify.numerics.search import STEPS_DONE, Listener, SearchResult, SearchStart, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
-from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
+from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit, require_models
 from ces_identify.structures.recurrent_network import (
     FILTERS,
     RecurrentFamily,
@@ -26,7 +26,6 @@ from ces_identify.structures.recurrent_network import (
     run_member_back,
 )
 from ces_identify.training import Training, build_training
-from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.recurrent import Recurrent
 from ces_report.table import Section, parameter_section
@@ -48,9 +47,6 @@ HOPELESS = "far from the best of other structures"
 
 
 MEMBERS = 3
-MIN_DATA_S = (
-    11.0  # for 1,086 parameters of a member (racing, 6 s: 0.9 % on blocks left out, 11 % later; Dyke, 14 s: best)
-)
 REFIT_STEPS, REFIT_RATE = 200, 1e-2  # of AdamW, from the model's own parameters
 
 
@@ -115,24 +111,20 @@ def descend(
         yield params
 
 
-def train_member(
-    family: RecurrentFamily, limits: Limits, listener: Listener, seed: int, deadline: float, stop: threading.Event
-) -> SearchResult:
-    """Return the parameters with the lowest cost on the selection ticks that a seeded fit met."""
-    random, training, steps = np.random.default_rng(seed), family.training, max(2, round(STEPS * limits.work))
-    best = SearchResult(np.arange(FILTERS), np.empty(0), np.inf, seed, 0, "steps exhausted")
+def train_member(family: RecurrentFamily, start: SearchStart) -> SearchResult:
+    """Return the parameters with the lowest cost on the selection ticks that a start met."""
+    random, training, steps, ended = start.random, family.training, max(2, round(STEPS * start.limits.work)), ""
     checks = set(np.linspace(steps // 2, steps, CHECKS, dtype=int).tolist())
     for k, params in enumerate(descend(family, training.estimation, family.start(random), random, steps), 1):
-        ended = reason_to_end(limits, best.cost, deadline, stop) if k % POLL_STEPS == 0 else ""
+        ended = start.reason_to_end() if k % POLL_STEPS == 0 else ""
         if ended or k in checks:
             cost = training.cost(family.force([params]), training.selection)
-            if cost < best.cost:
-                best = replace(best, coefficients=params, cost=cost, trials=k, share=k / steps)
-                listener(best)
-            ended = ended or (HOPELESS if best.cost > limits.hopeless else "")
+            if cost < start.best.cost:
+                start.keep(chosen=np.arange(FILTERS), coefficients=params, cost=cost, trials=k, share=k / steps)
+            ended = ended or (HOPELESS if start.best.cost > start.limits.hopeless else "")
         if ended:
-            return replace(best, ended=ended)
-    return best
+            break
+    return replace(start.best, ended=ended or STEPS_DONE)
 
 
 def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
@@ -140,20 +132,15 @@ def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: Identif
     training, limits = build_training(series, options.weight), options.limits
     family = build_family(training, sampling.rate_Hz)
     starts = replace(limits, starts=min(limits.starts, MEMBERS))
-    results = run_starts(starts, partial(train_member, family, limits, listener))
-    results = [result for result in results if np.isfinite(result.cost)]
-    if not results:
-        raise CesError("no start of the recurrent fit gave a model; give more time, starts or data")
+    results = require_models(run_starts(starts, listener, partial(train_member, family)), RECURRENT.option)
     mean, members = _best_mean(family, results)
     listener(mean)
-    make = partial(_build_model, family, sampling)
-    model = make(members)
     how = {
         "method": "AdamW on the free-run error of windows, the mean of several fits",
         "parameters": len(mean.coefficients),
     }
-    certified = replace(model, certificate=model.certify().to_mapping())
-    return Fitted(certified, [mean, *results[1:]], how, partial(_refit_members, family, members, make))
+    refit = partial(_refit_members, family, sampling, members)
+    return Fitted(_build_model(family, sampling, members), [mean, *results[1:]], how, refit)
 
 
 def _best_mean(family: RecurrentFamily, results: Sequence[SearchResult]) -> tuple[SearchResult, list[F]]:
@@ -168,19 +155,18 @@ def _best_mean(family: RecurrentFamily, results: Sequence[SearchResult]) -> tupl
 
 def _build_model(family: RecurrentFamily, sampling: Sampling, members: Sequence[F]) -> Model:
     training = family.training
-    return Model(sampling, family.body(members), training.envelope, training.force_envelope)
+    model = Model(sampling, family.body(members), training.envelope, training.force_envelope)
+    return replace(model, certificate=model.certify().to_mapping())
 
 
-def _refit_members(
-    family: RecurrentFamily, members: Sequence[F], make: Callable[[Sequence[F]], Model], weights: F
-) -> Model | None:
+def _refit_members(family: RecurrentFamily, sampling: Sampling, members: Sequence[F], weights: F) -> Model:
     """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
-    kept = weights * (family.training.estimation + family.training.selection)
+    kept = weights * family.training.everything
     refitted = []
     for seed, params in enumerate(members):
         *_, last = descend(family, kept, params, np.random.default_rng(seed), REFIT_STEPS, REFIT_RATE)
         refitted.append(last)
-    return make(refitted)
+    return _build_model(family, sampling, refitted)
 
 
 def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
@@ -211,5 +197,5 @@ RECURRENT = StructureKit(
     fitter=lambda sizes: fit_recurrent,
     table=recurrent_table,
     auto_work=0.25,
-    auto_s=MIN_DATA_S,
+    auto_s=ChoiceLimits.RECURRENT_S,
 )

@@ -279,9 +279,8 @@ class RecurrentFamily:
         speed = motion[:3] - self.still[:, None]
         rows = np.concatenate([np.ones((1, motion.shape[1])), motion[3:], speed, *(speed * row for row in current)])
         roots = np.sqrt(weights)
-        factors = np.linalg.lstsq((rows * roots).T, roots * self.training.measured / self.training.scale_N, rcond=None)[
-            0
-        ]
+        scaled = roots * self.training.measured / self.training.scale_N
+        factors = np.linalg.lstsq((rows * roots).T, scaled, rcond=None)[0]
         factors[len(motion) - 2 :] = 0.0
         return np.asarray(factors @ rows)
 

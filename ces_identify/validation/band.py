@@ -1,4 +1,7 @@
-"""The band around a model's force: its half-width fitted on recordings, and the share of forces that it holds."""
+"""The band around a model's force: its half-width, fitted on recordings, and run over series by the vehicle's tick.
+
+The bands of a run differ in what they weigh, not in their time constants, so they share one state.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +13,70 @@ from functools import partial
 import numpy as np
 from scipy.optimize import nnls
 
-from ces_data.arrays import F, Mask
+from ces_data.arrays import F, I, Mask
 from ces_identify.limits import BandLimits, FoldLimits, TickLimits
+from ces_identify.numerics.core import compile_tick, core_kernel
 from ces_identify.prepare.series import Series
-from ces_identify.simulations.band_run import NOWHERE, band_state, parts_and_growth
 from ces_identify.simulations.simulate import simulate_series
+from ces_observer import flat
 from ces_observer.band import PARTS, STATE, Band
 from ces_observer.model import Model
+from ces_observer.tick import band as tick
+from ces_observer.tick.model import BAND_STARTED, K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
 
+BAND_TICK, HALF_WIDTH = compile_tick(tick.band_tick), compile_tick(tick.band_half_width)
+NOWHERE = tuple((0.0,) * length for length in range(len(STATE), 0, -1))  # the whitening of a band that does not grow
+
+
+def band_half_width(band: Band, series: Series, force: F) -> F:
+    """Return the half-width [N] of `band` around the free run `force` (ticks,) of `series`, NaN where that is NaN."""
+    return np.asarray(run_bands([band], series, force)[0][0])
+
+
+def band_state(band: Band, series: Series) -> F:
+    """Return the state (5, ticks) of `ces_observer.band.STATE`."""
+    return run_bands([band], series, np.zeros(len(series)))[1]
+
+
+def parts_and_growth(band: Band, other: Band, series: Series, force: F) -> tuple[F, F]:
+    """Return what the weights of a band multiply (parts, ticks), and the growth (ticks,) of another band, `other`."""
+    units = np.eye(len(PARTS))
+    flat_bands = [replace(band, parts=tuple(row), whitening=NOWHERE, constant_share=1.0) for row in units]
+    width, _ = run_bands([*flat_bands, replace(other, parts=tuple(units[0] + units[1]))], series, force)
+    return width[:-1], width[-1]
+
+
+def run_bands(bands: Sequence[Band], series: Series, force: F) -> tuple[F, F]:
+    """Return half-widths (bands, ticks) [N] around a free run `force` (ticks,) [N], and the state (5, ticks)."""
+    layouts = [flat.ArrayLayout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE) for _ in bands]
+    for band, layout in zip(bands, layouts, strict=True):
+        band.fill(layout, series.rate_Hz)
+    inputs = np.vstack([series.inputs, force])
+    width, state = np.empty((len(bands), len(series))), np.empty((len(STATE), len(series)))
+    p = np.array([layout.p for layout in layouts])
+    _run_bands(p, np.zeros(S_STRUCTURE), np.zeros(K_STRUCTURE, np.int64), inputs, series.segments, width, state)
+    return width, state
+
+
+@core_kernel
+def _run_bands(p: F, s: F, k: I, inputs: F, segments: I, width: F, state: F) -> None:
+    for segment in range(len(segments)):
+        k[BAND_STARTED] = 0
+        for i in range(segments[segment, 0], segments[segment, 1]):
+            BAND_TICK(p[0], s, k, inputs[0, i], inputs[1, i], inputs[2, i], inputs[3, i])
+            for row in range(len(p)):
+                width[row, i] = HALF_WIDTH(p[row], s)
+            state[0, i] = inputs[0, i]
+            state[1, i] = inputs[1, i]
+            state[2, i] = inputs[2, i]
+            state[3, i] = inputs[1, i] - s[tick.BAND_MEAN_SPEED]
+            state[4, i] = inputs[2, i] - s[tick.BAND_MEAN_CURRENT]
+
+
+CHANGE_S = 0.01  # [s] over which speed, current and force change: valve and oil of a damper take about as long
+REVERSAL_S = 0.02  # [s] after a reversal, in which friction and pressure build up
+MIN_SPREAD = 1e-6  # [m, m/s, A]: a state that changes less counts as constant
+MIN_SIZE = 1e-3  # of an error's prediction, relative to the mean error
 MAX_TICKS = 200_000  # whose errors are kept, evenly spaced, in each way of leaving data out
 MAX_FITTED_TICKS = 20_000  # of these, in the least squares fit
 ROUNDS = 6  # of reweighted least squares
@@ -26,7 +85,7 @@ RIDGE = 1e-4  # of the state's correlation matrix: directions that the recording
 FIGURES = 6
 
 PLAIN = Band(  # whose weights and state are not known yet
-    BandLimits.LEVEL, BandLimits.CHANGE_S, BandLimits.REVERSAL_S, 1.0, (0.0, 1.0), (0.0,) * len(PARTS),
+    BandLimits.LEVEL, CHANGE_S, REVERSAL_S, 1.0, (0.0, 1.0), (0.0,) * len(PARTS),
     (0.0,) * len(STATE), NOWHERE, BandLimits.MAX_DISTANCE, 1.0,
 )  # fmt: skip
 
@@ -124,7 +183,7 @@ def _describe_state(series: Sequence[Series], ticks: Sequence[Mask], constant_sh
     mean, speed, current = state.mean(axis=1), state[STATE.index("speed")], state[STATE.index("current")]
     return replace(
         PLAIN,
-        speed_m_s=max(_round(np.sqrt(np.mean(speed**2))), BandLimits.MIN_SPREAD),
+        speed_m_s=max(_round(np.sqrt(np.mean(speed**2))), MIN_SPREAD),
         current_A=(_round(current.min()), _round(current.max())),
         mean=_round_all(mean),
         whitening=tuple(_round_all(row[i:]) for i, row in enumerate(_whitening(state - mean[:, None]))),
@@ -135,12 +194,12 @@ def _describe_state(series: Sequence[Series], ticks: Sequence[Mask], constant_sh
 def _whitening(deviations: F) -> F:
     """Return the upper triangular matrix that gives `deviations` (5, ticks) a root mean square length of 1."""
     spread = deviations.std(axis=1)
-    constant = spread <= BandLimits.MIN_SPREAD
-    scaled = deviations / np.where(constant, BandLimits.MIN_SPREAD, spread)[:, None]
+    constant = spread <= MIN_SPREAD
+    scaled = deviations / np.where(constant, MIN_SPREAD, spread)[:, None]
     correlation = scaled @ scaled.T / scaled.shape[1] + RIDGE * np.eye(len(scaled))
     correlation[np.diag_indices_from(correlation)] += constant
     upper = np.linalg.cholesky(np.linalg.inv(correlation)).T
-    return np.asarray(upper / np.where(constant, BandLimits.MIN_SPREAD, spread) / np.sqrt(len(scaled)))
+    return np.asarray(upper / np.where(constant, MIN_SPREAD, spread) / np.sqrt(len(scaled)))
 
 
 def _fit_parts(band: Band, ways: Sequence[_Errors]) -> Band:
@@ -156,7 +215,7 @@ def _fit_parts(band: Band, ways: Sequence[_Errors]) -> Band:
 def _fit_sizes(parts: F, sizes: F) -> F:
     """Return non-negative weights (parts,) whose sums predict `sizes` (n,), each error relative to its prediction."""
     scale = np.maximum(parts.mean(axis=1), 1e-12)
-    least = BandLimits.MIN_SIZE * float(sizes.mean()) + 1e-12
+    least = MIN_SIZE * float(sizes.mean()) + 1e-12
     predicted = np.full(len(sizes), float(sizes.mean()) + least)
     weights = np.zeros(len(parts))
     for _ in range(ROUNDS):

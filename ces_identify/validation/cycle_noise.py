@@ -18,7 +18,8 @@ from ces_data.arrays import F, I
 from ces_identify.limits import CycleLimits
 from ces_identify.prepare.series import Series
 
-MAX_PEAKS = 50  # tried as the period
+PEAK, MAX_PEAKS = 0.9, 50  # autocorrelation at which a lag may be the period; how many are tried
+OFF_TICK = 0.1  # ticks by which a lag may be off a whole number
 MAX_PERIODS = 10  # combined into one lag
 
 
@@ -37,8 +38,7 @@ def cycle_noise(series: Series) -> CycleNoise | str:
 
     Single cycles that differ from their neighbours, such as where the rig fades in and out, are skipped.
     """
-    skipped = series.warm_up + round(CycleLimits.SETTLE_S * series.rate_Hz)
-    starts = np.minimum(series.segments[:, 0] + skipped, series.segments[:, 1])
+    starts = np.minimum(series.segments[:, 0] + series.warm_up, series.segments[:, 1])
     settled = np.stack([starts, series.segments[:, 1]], axis=1)
     start, stop = settled[np.argmax(settled[:, 1] - settled[:, 0])]
     if stop - start < 2 * CycleLimits.MIN_CYCLES:
@@ -75,7 +75,7 @@ def find_period(x: F, min_period: float) -> float | None:
     if not len(negative):
         return None
     inner = np.arange(max(int(negative[0]), int(min_period), 2), len(rho) - 1)
-    peaks = inner[(rho[inner] >= rho[inner - 1]) & (rho[inner] > rho[inner + 1]) & (rho[inner] > CycleLimits.PEAK)]
+    peaks = inner[(rho[inner] >= rho[inner - 1]) & (rho[inner] > rho[inner + 1]) & (rho[inner] > PEAK)]
     if not len(peaks):
         return None
     periods = (_refine_period(rho, float(place)) for place in peaks[:MAX_PEAKS])
@@ -87,7 +87,7 @@ def whole_ticks(period: float, max_periods: int = MAX_PERIODS) -> int:
     """Return the fewest periods within OFF_TICK of a whole number, in ticks; else the nearest."""
     multiples = period * np.arange(1, max_periods + 1)
     off = np.abs(multiples - np.rint(multiples))
-    near = off <= CycleLimits.OFF_TICK
+    near = off <= OFF_TICK
     return round(float(multiples[np.argmax(near) if near.any() else np.argmin(off)]))
 
 

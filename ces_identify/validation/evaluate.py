@@ -24,14 +24,15 @@ from ces_identify.numerics.correlation import add_errors, estimate_sum_error, su
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
 from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import FreeRun, Series
-from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import simulate_series
+from ces_identify.validation.band import band_half_width
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_observer.model import Model
 from ces_observer.structures.structure import Range
 
 IDENTIFICATION, VALIDATION = "identification", "validation"
 UNITS = {"position": "m", "speed": "m/s", "current": "A"}
+WORKING, MOST = 0.5, 0.9  # a window works with this share of the work that this quantile of windows has
 FIGURES = 4  # of the largest number of a range; the others have as many decimals
 DIVERGED = "no interval and no RMS error (the simulated force is not finite)"
 SHORT = f"no interval (too short: it would reach beyond {ErrorLimits.MAX_FACTOR:g} times the cost)"
@@ -331,5 +332,5 @@ def find_working_windows(length: int, scored: Mask, force: F, speed: F, squares:
     count = sliding_sum(1.0)
     full = np.flatnonzero(count == count.max())
     work = np.sqrt(sliding_sum(speed**2) * sliding_sum((force - force[scored].mean()) ** 2))[full]
-    starts = full[work >= EnvelopeLimits.WORKING * np.quantile(work, EnvelopeLimits.MOST)]
+    starts = full[work >= WORKING * np.quantile(work, MOST)]
     return starts, sliding_sum(squares)[starts] / max(count.max(), 1.0)

@@ -17,17 +17,19 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ces_data.arrays import F, I
-from ces_identify.limits import LackLimits
-from ces_identify.prepare.series import Series
-from ces_identify.simulations.band_run import band_state
+from ces_identify.limits import LackLimits, VerdictLimits
+from ces_identify.prepare.series import Series, changes
 from ces_identify.simulations.simulate import simulate_series, since_reversal
-from ces_identify.validation.band import PLAIN
+from ces_identify.validation.band import PLAIN, band_state
 from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation, pooled_cost
 from ces_observer.model import Model
 from ces_report.typesetting import three_figures
 
 UNDETERMINED = "undetermined"  # key of the texts in the provenance's selection
 FOLDS, DRAWS = 5, 99  # of blocks that are fitted on the others; of random signs
+MAX_TICKS = 20_000  # evenly spaced
+BLOCK_S, MIN_BLOCKS = 2.0, 14  # [s] far longer than the memory of a damper; blocks, for signs at random
+HEAT_S = 100.0  # [s] in which oil warms up
 RIDGE = 1e-2  # of the regressors' mean square
 CURVE = 6  # hat functions of the speed
 REGIONS = 5  # of a quantity, with as many ticks each
@@ -96,7 +98,7 @@ def head_lines(model: Model, evaluations: Sequence[Evaluation]) -> list[str]:
     own = [e for e in some if e.role == IDENTIFICATION]
     causes = dependences(some)
     lines = [describe(cause, model, some) for cause in causes]
-    if own and (J := pooled_cost(own)) >= LackLimits.MISFIT:
+    if own and (J := pooled_cost(own)) >= VerdictLimits.MISFIT_J:
         why = "" if causes else "; no quantity explains it: check units, signs and delays"
         lines.insert(0, f"The model does not fit its own data (J = {three_figures(J)} %){why}.")
     selections = [entry for key, entry in model.provenance.items() if key.startswith("selection")]
@@ -163,8 +165,8 @@ def dependences(evaluations: Sequence[Evaluation]) -> list[Dependence]:
 
 def _collect(evaluations: Sequence[Evaluation]) -> _Ticks:
     """Return at most MAX_TICKS scored ticks of all recordings, evenly spaced, with their blocks."""
-    step = -(-sum(int(e.series.scored.sum()) for e in evaluations) // LackLimits.MAX_TICKS)
-    length_s = min(LackLimits.BLOCK_S, sum(e.scored_s for e in evaluations) / LackLimits.MIN_BLOCKS)
+    step = -(-sum(int(e.series.scored.sum()) for e in evaluations) // MAX_TICKS)
+    length_s = min(BLOCK_S, sum(e.scored_s for e in evaluations) / MIN_BLOCKS)
     rows, blocks, folds, block = [], [], [], 0
     for e in evaluations:
         at, series = np.flatnonzero(e.series.scored)[::step], e.series
@@ -182,7 +184,7 @@ def _quantities(e: Evaluation) -> list[F]:
     """Return QUANTITIES in their order, each (ticks,)."""
     position, speed, current, change, _ = band_state(PLAIN, e.series)
     power = np.abs(np.where(np.isfinite(e.series.force), e.series.force, e.run.force) * speed)
-    decay = np.exp(-1.0 / (LackLimits.HEAT_S * e.series.rate_Hz))
+    decay = np.exp(-1.0 / (HEAT_S * e.series.rate_Hz))
     heat = lfilter([1.0 - decay], [1.0, -decay], np.nan_to_num(power))
     direction = np.where(speed < 0.0, -1.0, 1.0)
     return [
@@ -205,7 +207,7 @@ def _regressors(ticks: _Ticks, curve: bool) -> F:
     speed, current = ticks.quantities["speed"], ticks.quantities["current"]
     bent = np.tanh(speed / max(0.2 * float(speed.std()), 1e-9))
     rows = [ticks.force, *(_hats(speed, CURVE).T if curve else (np.ones(len(speed)), speed, bent))]
-    if np.ptp(current) > LackLimits.MIN_CHANGE * np.abs(current).max():
+    if changes(current):
         rows += [row * (current - current.mean()) for row in rows]
     stacked = np.stack(rows, axis=1)
     return np.asarray(stacked / np.maximum(np.sqrt((stacked**2).mean(axis=0)), 1e-12))

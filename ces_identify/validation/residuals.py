@@ -31,6 +31,7 @@ from ces_identify.numerics.correlation import (
     longest_memory,
     memory,
 )
+from ces_identify.prepare.series import changes
 from ces_identify.validation.evaluate import Evaluation
 
 Z = float(norm.ppf(0.5 + ResidualLimits.LEVEL / 2))
@@ -99,17 +100,13 @@ def residual_tests(evaluation: Evaluation) -> ResidualTests | None:
         return None
     runs, max_lag = find_runs(series.scored, series.segments), max(1, round(ResidualLimits.LAG_S * series.rate_Hz))
     inputs = {name: getattr(series, name)[series.scored] for name in INPUTS}
-    still = tuple(name for name, u in inputs.items() if _is_still(u))
+    still = tuple(name for name, u in inputs.items() if not changes(u))
     moving = {name: u for name, u in inputs.items() if name not in still}
     linear = [scale_sequence(name, u, runs) for name, u in moving.items()]
     residual = scale_sequence("residual", error, runs)
     white, statistic = whiteness(error, runs, max_lag, series.rate_Hz)
     crosses = tuple(cross_correlation(u, residual, runs, max_lag, series.rate_Hz) for u in linear)
     return ResidualTests(white, statistic, crosses, still)
-
-
-def _is_still(x: F) -> bool:
-    return float(x.std()) <= ResidualLimits.CONSTANT * max(1e-12, float(np.abs(x).max()))
 
 
 def scale_sequence(name: str, x: F, runs: I) -> ScaledSequence:

@@ -107,94 +107,96 @@ def diagnosis_of_sprung() -> Diagnosis:
     return run_diagnosis(sprung)
 
 
-def sum_of_probabilities(found: Diagnosis) -> float:
-    return found.probability_none + found.probability_unknown + sum(c.probability for c in found.causes)
+def sum_of_probabilities(diagnosis: Diagnosis) -> float:
+    return diagnosis.probability_none + diagnosis.probability_unknown + sum(c.probability for c in diagnosis.causes)
 
 
 @pytest.mark.slow
 def test_a_cause_is_named_with_its_parameter_despite_a_baseline_error() -> None:
-    found = diagnosis_of_sprung()
-    assert found.verdict == NAMED and found.composition.effects == ("gas_spring",)
-    assert found.causes[0].effects == ("gas_spring",) and found.causes[0].probability > 0.5
-    stiffness = next(e for e in found.composition.estimates[0] if e.name == "stiffness_N_m")
+    diagnosis = diagnosis_of_sprung()
+    assert diagnosis.verdict == NAMED and diagnosis.composition.effects == ("gas_spring",)
+    assert diagnosis.causes[0].effects == ("gas_spring",) and diagnosis.causes[0].probability > 0.5
+    stiffness = next(e for e in diagnosis.composition.estimates[0] if e.name == "stiffness_N_m")
     assert stiffness.value == pytest.approx(STIFFNESS, rel=0.05) and not stiffness.at_bound
     assert stiffness.ci95[0] < stiffness.value < stiffness.ci95[1]
-    assert "gas spring" in found.sentence
-    assert sum_of_probabilities(found) == pytest.approx(1.0)
-    assert not found.is_recorded
+    assert "gas spring" in diagnosis.sentence
+    assert sum_of_probabilities(diagnosis) == pytest.approx(1.0)
+    assert not diagnosis.is_recorded
 
 
 @pytest.mark.slow
 def test_the_planted_effect_is_removed_from_the_gap() -> None:
-    found = diagnosis_of_sprung()
+    diagnosis = diagnosis_of_sprung()
     planted = STIFFNESS * recorded(sprung, 3, 5.0).channel("position").values
-    assert found.gap.corrected_N == pytest.approx(float(np.sqrt(np.mean(planted**2))), rel=0.1)
-    assert found.gap.rms_N > found.gap.corrected_N
-    assert found.gap.ci95_N[0] < found.gap.rms_N < found.gap.ci95_N[1]
-    assert found.composition.gap_after_N < NOISE_N and found.composition.shrink > 0.85
-    other = find_best_other(found, found.composition)
-    assert other is not None and other.effects[0] not in found.composition.effects
-    others = [cause.shrink for cause in found.causes if cause.effects[0] not in found.composition.effects]
+    assert diagnosis.gap.corrected_N == pytest.approx(float(np.sqrt(np.mean(planted**2))), rel=0.1)
+    assert diagnosis.gap.rms_N > diagnosis.gap.corrected_N
+    assert diagnosis.gap.ci95_N[0] < diagnosis.gap.rms_N < diagnosis.gap.ci95_N[1]
+    assert diagnosis.composition.gap_after_N < NOISE_N and diagnosis.composition.shrink > 0.85
+    other = find_best_other(diagnosis, diagnosis.composition)
+    assert other is not None and other.effects[0] not in diagnosis.composition.effects
+    others = [cause.shrink for cause in diagnosis.causes if cause.effects[0] not in diagnosis.composition.effects]
     assert other.shrink == np.nanmax(others)
-    left = {cause.effects[0]: cause.gap_after_N for cause in found.causes}
+    left = {cause.effects[0]: cause.gap_after_N for cause in diagnosis.causes}
     assert min(left["position_delay"], left["friction"], left["inertia"]) > 3.0 * NOISE_N
-    assert [s.trace.name for s in found.held_out] == ["made3"]
-    trace, augmented = found.held_out[0].trace, found.held_out[0].augmented
+    assert [s.trace.name for s in diagnosis.held_out] == ["made3"]
+    trace, augmented = diagnosis.held_out[0].trace, diagnosis.held_out[0].augmented
     assert np.std((trace.force - augmented)[trace.usable]) == pytest.approx(NOISE_N, rel=0.15)
 
 
 @pytest.mark.slow
 def test_an_unknown_cause_is_reported_and_located() -> None:
-    found = run_diagnosis(strange)
-    assert found.verdict == UNKNOWN and found.probability_unknown > 0.5
-    assert found.rest is not None and found.rest.regions
-    assert found.composition.gap_after_N > 0.5 * found.gap.corrected_N
-    assert found.ceiling_after_N < found.gap.corrected_N
-    assert sum_of_probabilities(found) == pytest.approx(1.0)
+    diagnosis = run_diagnosis(strange)
+    assert diagnosis.verdict == UNKNOWN and diagnosis.probability_unknown > 0.5
+    assert diagnosis.rest is not None and diagnosis.rest.regions
+    assert diagnosis.composition.gap_after_N > 0.5 * diagnosis.gap.corrected_N
+    assert diagnosis.ceiling_after_N < diagnosis.gap.corrected_N
+    assert sum_of_probabilities(diagnosis) == pytest.approx(1.0)
 
 
 @pytest.mark.slow
 def test_a_wrong_simulation_without_an_effect_has_no_gap_whatever_the_threads(few_effects: None) -> None:
-    found, again = run_diagnosis(wrong), run_diagnosis(wrong, threads=2)
-    assert found.verdict == NO_GAP and found.probability_none > 0.5
-    assert found.composition.effects == () and found.correction is not None
-    assert found.gap.rms_N > 5.0 * NOISE_N > 10.0 * found.gap.corrected_N
-    assert sum_of_probabilities(found) == pytest.approx(1.0)
-    assert found.next_experiment is None and found.rest is None
-    assert again.gap == found.gap and again.figures == found.figures and again.causes == found.causes
-    for record in (found, found.gap, found.where, found.causes[0], found.held_out[0].trace):
+    diagnosis, again = run_diagnosis(wrong), run_diagnosis(wrong, threads=2)
+    assert diagnosis.verdict == NO_GAP and diagnosis.probability_none > 0.5
+    assert diagnosis.composition.effects == () and diagnosis.correction is not None
+    assert diagnosis.gap.rms_N > 5.0 * NOISE_N > 10.0 * diagnosis.gap.corrected_N
+    assert sum_of_probabilities(diagnosis) == pytest.approx(1.0)
+    assert diagnosis.next_experiment is None and diagnosis.rest is None
+    assert again.gap == diagnosis.gap and again.figures == diagnosis.figures and again.causes == diagnosis.causes
+    for record in (diagnosis, diagnosis.gap, diagnosis.where, diagnosis.causes[0], diagnosis.held_out[0].trace):
         assert is_dataclass(record) and fields(record) and type(record).__dataclass_params__.frozen  # type: ignore[attr-defined]
 
 
 def test_an_effect_of_the_user_explains_the_gap(few_effects: None) -> None:
-    found = run_diagnosis(strange, (Ripple(),))
-    assert found.verdict == NAMED and found.composition.effects == ("ripple",)
-    assert found.composition.estimates[0][0].value == pytest.approx(120.0, rel=0.05)
+    diagnosis = run_diagnosis(strange, (Ripple(),))
+    assert diagnosis.verdict == NAMED and diagnosis.composition.effects == ("ripple",)
+    assert diagnosis.composition.estimates[0][0].value == pytest.approx(120.0, rel=0.05)
 
 
 @pytest.mark.slow
 def test_recorded_predictions_are_sufficient(few_effects: None) -> None:
-    found = run_diagnosis(sprung, only_recorded=True)
-    assert found.verdict == NAMED and found.composition.effects == ("gas_spring",)
-    assert found.is_recorded and found.twin is not None and found.twin.cost_J < 10.0
-    assert found.composition.shrink > 0.85
+    diagnosis = run_diagnosis(sprung, only_recorded=True)
+    assert diagnosis.verdict == NAMED and diagnosis.composition.effects == ("gas_spring",)
+    assert diagnosis.is_recorded and diagnosis.twin is not None and diagnosis.twin.cost_J < 10.0
+    assert diagnosis.composition.shrink > 0.85
 
 
 def test_no_effect_is_put_inside_a_poor_twin(few_effects: None, monkeypatch: pytest.MonkeyPatch) -> None:
     poor = Twin(make_hydraulic(PLAIN_VALVE, air=0.0), STEP_S, 1.1 * TwinLimits.MAX_COST_J)
     monkeypatch.setattr(prepare, "find_twin", lambda *_: poor)
-    found = run_diagnosis(late, (library_effect("leakage", "past_piston"),), references=False)
-    assert found.composition.effects == ("position_delay",) and found.twin == poor
-    assert not any("leakage" in cause.effects for cause in found.causes)
-    assert f"effects inside the simulated damper were not tried: its twin leaves J {poor.cost_J:.3g} %" in found.notes
+    diagnosis = run_diagnosis(late, (library_effect("leakage", "past_piston"),), references=False)
+    assert diagnosis.composition.effects == ("position_delay",) and diagnosis.twin == poor
+    assert not any("leakage" in cause.effects for cause in diagnosis.causes)
+    assert (
+        f"effects inside the simulated damper were not tried: its twin leaves J {poor.cost_J:.3g} %" in diagnosis.notes
+    )
 
 
 def test_without_references_a_cause_that_no_calibration_absorbs_is_named(few_effects: None) -> None:
-    found = run_diagnosis(late, references=False)
-    assert found.verdict == NAMED and found.composition.effects == ("position_delay",)
-    assert found.composition.estimates[0][0].value == pytest.approx(0.004, abs=2e-4)
-    assert found.gap.corrected_N == pytest.approx(found.gap.rms_N) and found.correction is None
-    assert "position_delay" not in found.not_separable and "gas_spring" in found.not_separable
+    diagnosis = run_diagnosis(late, references=False)
+    assert diagnosis.verdict == NAMED and diagnosis.composition.effects == ("position_delay",)
+    assert diagnosis.composition.estimates[0][0].value == pytest.approx(0.004, abs=2e-4)
+    assert diagnosis.gap.corrected_N == pytest.approx(diagnosis.gap.rms_N) and diagnosis.correction is None
+    assert "position_delay" not in diagnosis.not_separable and "gas_spring" in diagnosis.not_separable
 
 
 @pytest.mark.parametrize(
@@ -221,9 +223,11 @@ def test_an_identified_model_knows_its_own_error(
         noise = np.random.default_rng(len(real)).normal(0.0, NOISE_N, len(x))
         values = np.nan_to_num(sample_force(model, plain)) + added + noise
         real.append(replace(plain, channels={**plain.channels, "force": replace(force, values=values)}))
-    found = diagnose(ModelSimulation(model), "model.json", real[:2], real[2:], (), DiagnoseOptions(experiment=False))
-    assert found.verdict == verdict and (verdict != NO_GAP or "own error of 36.5 N" in found.sentence)
-    assert found.composition.effects == (("friction",) if friction_N else found.composition.effects)
+    diagnosis = diagnose(
+        ModelSimulation(model), "model.json", real[:2], real[2:], (), DiagnoseOptions(experiment=False)
+    )
+    assert diagnosis.verdict == verdict and (verdict != NO_GAP or "own error of 36.5 N" in diagnosis.sentence)
+    assert diagnosis.composition.effects == (("friction",) if friction_N else diagnosis.composition.effects)
 
 
 def count(monkeypatch: pytest.MonkeyPatch, places: list[Any], name: str) -> list[Any]:
@@ -241,10 +245,10 @@ def test_each_step_is_computed_once(monkeypatch: pytest.MonkeyPatch, few_effects
     """The ceiling is learnt from the gap and from the rest; each explanation has its held-out forces once."""
     ceilings = count(monkeypatch, [evidence, findings], "learn_ceiling")
     forces = count(monkeypatch, [HeldOutScorer], "forces")
-    found = run_diagnosis(sprung, references=references)
-    assert found.figures is not None and len(ceilings) == 2
+    diagnosis = run_diagnosis(sprung, references=references)
+    assert diagnosis.figures is not None and len(ceilings) == 2
     if references:
-        assert found.verdict == NAMED and found.composition.effects == ("gas_spring",)
+        assert diagnosis.verdict == NAMED and diagnosis.composition.effects == ("gas_spring",)
         compositions = [fit.composition for _, fit, _ in forces]
         assert len(compositions) >= len(FEW) and all(compositions.count(c) == 1 for c in compositions)
 
@@ -262,9 +266,9 @@ def test_the_verdict_stands_if_no_experiment_can_be_simulated(few_effects: None)
     simulation = FunctionSimulation("short_memory", short_memory)
     reference = [recorded(wrong, s, 8.0) for s in (11, 12)]
     real, held_out = [recorded(truth, s, 4.0) for s in (1, 2)], [recorded(truth, 3, 4.0)]
-    found = diagnose(simulation, "short_memory", real, held_out, reference)
-    assert found.verdict == UNKNOWN and found.composition.effects and found.next_experiment is None
-    assert "next experiment not available: the simulation refuses all" in found.notes[-1]
+    diagnosis = diagnose(simulation, "short_memory", real, held_out, reference)
+    assert diagnosis.verdict == UNKNOWN and diagnosis.composition.effects and diagnosis.next_experiment is None
+    assert "next experiment not available: the simulation refuses all" in diagnosis.notes[-1]
 
 
 def test_what_the_simulation_does_to_its_force_is_a_cause_with_a_name(few_effects: None) -> None:
@@ -272,10 +276,10 @@ def test_what_the_simulation_does_to_its_force_is_a_cause_with_a_name(few_effect
         return np.interp(time_s - 0.7 / RATE_HZ, time_s, damper(time_s, position_m, current_A))
 
     real, held_out = [recorded(seed=s, seconds=5.0) for s in (1, 2)], [recorded(seed=3, seconds=5.0)]
-    found = diagnose(FunctionSimulation("late", late_force), "late", real, held_out, (), QUICK)
-    assert found.verdict == NAMED and {*found.composition.effects} <= {"simulation_timing", "position_delay"}
-    assert "caused by" in found.sentence and "the simulation's timing" in found.sentence
-    assert found.composition.probability > 0.9
+    diagnosis = diagnose(FunctionSimulation("late", late_force), "late", real, held_out, (), QUICK)
+    assert diagnosis.verdict == NAMED and {*diagnosis.composition.effects} <= {"simulation_timing", "position_delay"}
+    assert "caused by" in diagnosis.sentence and "the simulation's timing" in diagnosis.sentence
+    assert diagnosis.composition.probability > 0.9
 
 
 def test_a_rare_event_is_a_gap_with_a_place(few_effects: None) -> None:
@@ -283,9 +287,13 @@ def test_a_rare_event_is_a_gap_with_a_place(few_effects: None) -> None:
         return damper(time_s, position_m, current_A) + 100.0 * (np.abs(time_s - 3.3) < 0.01)
 
     real, held_out = [recorded(seed=s, seconds=8.0) for s in (1, 2)], [recorded(struck, 3, 8.0)]
-    found = diagnose(SIMULATION, "damper.py", real, held_out, (), QUICK)
-    assert found.gap.rms_N < found.tolerance_N and found.verdict == UNKNOWN and found.probability_none < 0.5
-    assert "A short deviation stands out" in found.sentence and "at 3.3" in found.sentence
+    diagnosis = diagnose(SIMULATION, "damper.py", real, held_out, (), QUICK)
+    assert (
+        diagnosis.gap.rms_N < diagnosis.tolerance_N
+        and diagnosis.verdict == UNKNOWN
+        and diagnosis.probability_none < 0.5
+    )
+    assert "A short deviation stands out" in diagnosis.sentence and "at 3.3" in diagnosis.sentence
     assert diagnose(SIMULATION, "damper.py", real, [recorded(seed=3)], (), QUICK).verdict == NO_GAP
 
 
@@ -302,9 +310,9 @@ def test_a_simulation_that_fails_in_the_middle_loses_nothing_that_is_finished(fe
 
     done: list[int] = []
     real, held_out = [recorded(truth, s, 5.0) for s in (1, 2)], [recorded(truth, 3, 5.0)]
-    found = diagnose(FunctionSimulation("once", once_licensed), "once", real, held_out)
-    assert len(done) > calls and found.composition.effects == ("friction",) and found.verdict == NAMED
-    notes = [note for note in found.notes if "no licence" in note]
+    diagnosis = diagnose(FunctionSimulation("once", once_licensed), "once", real, held_out)
+    assert len(done) > calls and diagnosis.composition.effects == ("friction",) and diagnosis.verdict == NAMED
+    notes = [note for note in diagnosis.notes if "no licence" in note]
     assert "the force with position_delay not available: once: raised RuntimeError: no licence" in notes
 
 

@@ -14,8 +14,8 @@ from ces_identify.identification import identify
 from ces_identify.numerics.search import Limits
 from ces_identify.polynomial.rules_file import parse_rules
 from ces_identify.prepare.sampling import choose_sampling
-from ces_identify.simulations.band_run import band_half_width
 from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.validation.band import band_half_width
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.structures.terms import Factor, Term
@@ -82,7 +82,7 @@ def test_a_model_that_explains_nothing_is_refused_unless_one_goes_on(result):
 
     hopeless = replace(result, evaluations=weakened(0.0))
     found = [Finding("warning", "current: odd", "current"), Finding("warning", "force: late", "force")]
-    with pytest.raises(CesError, match=r"explains nothing of the force: J is 100\.\d % .*; force: late; --ignore"):
+    with pytest.raises(CesError, match=r"explains nothing of the force: J is 100\.\d % .*; force: late; ignore"):
         hopeless.require_explained(found)
     with pytest.raises(CesError, match="; the force does not follow these signals: check that topics"):
         hopeless.require_explained()

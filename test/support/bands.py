@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F
-from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import SampleRun
+from ces_identify.validation.band import band_half_width
 from ces_observer.band import Band
 
 BAND = Band(

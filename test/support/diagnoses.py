@@ -29,7 +29,7 @@ from ces_gap.diagnosis import (
     Where,
 )
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
-from ces_gap.inference.judgement import ALTERNATIVES
+from ces_gap.inference.judgement import Doubt
 from ces_gap.regions.locate import locate
 from ces_gap.trace import make_trace
 
@@ -167,7 +167,7 @@ def ambiguous() -> Diagnosis:
         causes=causes,
         composition=causes[0],
         indistinguishable=(("valve_lag", "current_hysteresis"),),
-        doubt=ALTERNATIVES,
+        doubt=Doubt.ALTERNATIVES,
         alternatives=("current_hysteresis",),
         not_separable=("force_scale", "gas_spring", "leakage"),
         probability_none=0.04,

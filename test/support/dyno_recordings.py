@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ces import Recording
-from ces_rig.experiments.strokes import make_stroke
+from ces_data.waveforms.strokes import make_stroke
 
 RATE = 1000.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ces_identify.polynomial.problem import compile_terms
+from ces_identify.polynomial.problem import lay_out_terms
 from ces_observer.model import Envelope
 from ces_observer.structures.terms import Factor, Term
 
@@ -32,6 +32,6 @@ def make_inputs():
 
 
 def tables(terms, inputs):
-    compiled = compile_terms(terms)
-    powers = compiled.power_table(WIDE, inputs, SEGMENTS, 1000.0)
-    return compiled, powers, np.array([t.coefficient for t in terms])
+    layout = lay_out_terms(terms)
+    powers = layout.power_table(WIDE, inputs, SEGMENTS, 1000.0)
+    return layout, powers, np.array([t.coefficient for t in terms])

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ces_identify.export.c_printer import Core
 from ces_identify.export.export_model import export_c, list_variables, sources
-from ces_identify.numerics.core import compiled
+from ces_identify.numerics.core import compile_tick
 from ces_observer import tick
 from ces_observer.estimator import lay_out_estimator
 from ces_observer.model import Model
@@ -180,7 +180,7 @@ def run_numba(model: Model, samples: Samples) -> Steps:
     """Run the source, compiled by Numba."""
     outputs = _outputs(len(samples.stamps))
     flat = [output.ravel() for output in outputs]
-    known = compiled(tick_loop.run_samples)(
+    known = compile_tick(tick_loop.run_samples)(
         *arrays_of(model), len(samples.stamps), samples.stamps, samples.inputs.ravel(), *flat
     )
     return _steps(outputs, known)

@@ -43,7 +43,7 @@ def evidence(*seeds: int) -> Evidence:
     traces = []
     for seed in seeds:
         trace, noise = traced(SIMULATED, seed), np.random.default_rng(seed)
-        force = REAL.prepare_for(trace).recorded
+        force = REAL.prepare_for(trace).recorded_force
         traces.append(replace(trace, force=force + NOISE_N * noise.standard_normal(len(force))))
     return gather(traces, Plant(SIMULATED, twin=SIMULATED), make_white_noise(NOISE_N))
 
@@ -52,9 +52,9 @@ def evidence(*seeds: int) -> Evidence:
 def fit() -> EffectFit:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ces_gap.baseline.twin_fit.KINDS", ("twin tube",))
-        found = fit_both_sides(evidence(1, 2), PARTS, 2)
-    assert found is not None
-    return found
+        fit = fit_both_sides(evidence(1, 2), PARTS, 2)
+    assert fit is not None
+    return fit
 
 
 def test_what_the_simulation_lacks_is_told_from_its_calibration(fit: EffectFit) -> None:
@@ -104,4 +104,4 @@ def test_a_map_is_static_and_a_damper_with_a_memory_is_not() -> None:
     maps = [replace(t, simulated=900.0 * np.tanh(t.inputs.speed / 0.1) * (0.5 + t.inputs.current)) for t in traces]
     late = [replace(t, simulated=np.roll(t.simulated, 5)) for t in maps]
     assert is_static(maps) and not is_static(late)
-    assert not is_static([replace(t, simulated=REAL.prepare_for(t).recorded) for t in traces])
+    assert not is_static([replace(t, simulated=REAL.prepare_for(t).recorded_force) for t in traces])

@@ -39,17 +39,17 @@ def find(traces: Sequence[Trace], known: Sequence[F] = (), least_N: float = 0.0)
 @pytest.mark.parametrize(("size", "width_s"), [(10.0, 0.02), (-10.0, 0.02), (14.0, 0.01), (3.0, 0.3)])
 def test_an_event_in_a_thousandth_of_the_time_is_found_with_its_place(size: float, width_s: float) -> None:
     places = np.random.default_rng(4).uniform(1.0, SECONDS - 2.0, 20)
-    found = [find([hit(measured(k), at, size * NOISE_N, width_s), measured(99)]) for k, at in enumerate(places)]
-    seen = [one for one in found if one is not None and np.sign(one.mean_N) == np.sign(size)]
+    events = [find([hit(measured(k), at, size * NOISE_N, width_s), measured(99)]) for k, at in enumerate(places)]
+    seen = [event for event in events if event is not None and np.sign(event.mean_N) == np.sign(size)]
     assert len(seen) >= 19
-    for k, (one, at_s) in enumerate(zip(found, places, strict=True)):
-        assert one is None or (one.recording == f"made{k}" and at_s - 0.2 < one.time_s < at_s + width_s + 0.2)
+    for k, (event, at_s) in enumerate(zip(events, places, strict=True)):
+        assert event is None or (event.recording == f"made{k}" and at_s - 0.2 < event.time_s < at_s + width_s + 0.2)
 
 
 @pytest.mark.parametrize(("colour", "spread"), [(0.0, 0.0), (0.9, 0.0), (0.0, 0.5)])
 def test_clean_recordings_have_none(colour: float, spread: float) -> None:
-    found = [find([measured(2 * k, colour, spread), measured(2 * k + 1, colour, spread)]) for k in range(50)]
-    assert sum(one is not None for one in found) <= 1
+    events = [find([measured(2 * k, colour, spread), measured(2 * k + 1, colour, spread)]) for k in range(50)]
+    assert sum(event is not None for event in events) <= 1
 
 
 def test_what_is_immaterial_known_or_too_short_is_none() -> None:

@@ -12,19 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ces_gap.inference.judgement import (
-    ALTERNATIVES,
     AMBIGUOUS,
-    LEAVES_MORE,
     NAMED,
     NO_GAP,
-    NOT_CONFIRMED,
-    REMAINS,
-    SIMULATION_ERROR,
     TIMING,
-    UNCERTAIN,
-    UNDETERMINED,
     UNKNOWN,
     ClosedShare,
+    Doubt,
     GapSize,
     OddsWeights,
     Probabilities,
@@ -85,31 +79,39 @@ ALONE = changed(SMALL, has_references=False)
     ("values", "verdict", "doubt"),
     [
         ({}, NAMED, ""),
-        ({"interchangeable": (("friction", "gas_spring"),)}, AMBIGUOUS, ALTERNATIVES),
-        ({"odds": SHARED}, AMBIGUOUS, ALTERNATIVES),
-        ({"closed_alone": {"gas_spring": ClosedShare(0.97, 0.96, 0.98)}}, AMBIGUOUS, ALTERNATIVES),
+        ({"interchangeable": (("friction", "gas_spring"),)}, AMBIGUOUS, Doubt.ALTERNATIVES),
+        ({"odds": SHARED}, AMBIGUOUS, Doubt.ALTERNATIVES),
+        ({"closed_alone": {"gas_spring": ClosedShare(0.97, 0.96, 0.98)}}, AMBIGUOUS, Doubt.ALTERNATIVES),
         ({"closed_alone": {"calibration": ClosedShare(0.97, 0.96, 0.98)}}, NAMED, ""),
         ({"odds": SHARED, "closed_alone": {"gas_spring": SOME}}, NAMED, ""),  # held-out recordings decide
         ({"interchangeable": (("friction", "gas_spring"),), "closed_alone": {"gas_spring": SOME}}, NAMED, ""),
-        (PAIR, AMBIGUOUS, SIMULATION_ERROR),
-        ({"has_references": False, "size": replace(ABOVE, gap_N=10.0)}, AMBIGUOUS, SIMULATION_ERROR),
-        ({"odds": Probabilities(0.01, 0.04, {"friction": 0.4, "calibration": 0.55})}, AMBIGUOUS, SIMULATION_ERROR),
-        ({"is_undetermined": True}, AMBIGUOUS, UNDETERMINED),
-        ({"closed": replace(MOST, low=-0.05)}, AMBIGUOUS, NOT_CONFIRMED),
-        ({"closed": SOME, "learnt": 0.4}, AMBIGUOUS, LEAVES_MORE),
-        ({"weights": replace(WEIGHTS, least_known=0.97)}, AMBIGUOUS, UNCERTAIN),
+        (PAIR, AMBIGUOUS, Doubt.SIMULATION_ERROR),
+        ({"has_references": False, "size": replace(ABOVE, gap_N=10.0)}, AMBIGUOUS, Doubt.SIMULATION_ERROR),
+        (
+            {"odds": Probabilities(0.01, 0.04, {"friction": 0.4, "calibration": 0.55})},
+            AMBIGUOUS,
+            Doubt.SIMULATION_ERROR,
+        ),
+        ({"is_undetermined": True}, AMBIGUOUS, Doubt.UNDETERMINED),
+        ({"closed": replace(MOST, low=-0.05)}, AMBIGUOUS, Doubt.NOT_CONFIRMED),
+        ({"closed": SOME, "learnt": 0.4}, AMBIGUOUS, Doubt.LEAVES_MORE),
+        ({"weights": replace(WEIGHTS, least_known=0.97)}, AMBIGUOUS, Doubt.UNCERTAIN),
         (
             {"odds": Probabilities(0.01, 0.29, {"friction": 0.7}), "closed": replace(MOST, value=0.8), "learnt": 0.8},
             AMBIGUOUS,
-            UNCERTAIN,
+            Doubt.UNCERTAIN,
         ),
-        ({"closed": ClosedShare(0.9, 0.88, 0.92)}, AMBIGUOUS, REMAINS),  # a learner without physics leaves 7 N, not 13
+        (
+            {"closed": ClosedShare(0.9, 0.88, 0.92)},
+            AMBIGUOUS,
+            Doubt.REMAINS,
+        ),  # a learner without physics leaves 7 N, not 13
         ({"closed": ClosedShare(0.9, 0.88, 0.92), "twin_error": 0.08}, NAMED, ""),  # which the twin's error may hide
         ({"closed": ClosedShare(0.9, 0.88, 0.92), "in_band_N": 11.0}, NAMED, ""),  # as noise does
-        ({"has_references": False, "closed_alone": {"calibration": BETTER}}, AMBIGUOUS, SIMULATION_ERROR),
+        ({"has_references": False, "closed_alone": {"calibration": BETTER}}, AMBIGUOUS, Doubt.SIMULATION_ERROR),
         ({"is_rare": True}, NAMED, ""),
         ({**MAP, "closed_alone": {"gas_spring": SOME}}, NAMED, ""),
-        ({**MAP, "closed_alone": {"gas_spring": ClosedShare(0.6, 0.5, 0.7)}}, AMBIGUOUS, ALTERNATIVES),
+        ({**MAP, "closed_alone": {"gas_spring": ClosedShare(0.6, 0.5, 0.7)}}, AMBIGUOUS, Doubt.ALTERNATIVES),
         ({"closed": SOME}, UNKNOWN, ""),  # of what a learner closes, too little
         ({"closed": NOTHING, "learnt": -0.3}, UNKNOWN, ""),
         ({"composition": ()}, UNKNOWN, ""),
@@ -118,7 +120,7 @@ ALONE = changed(SMALL, has_references=False)
         (
             {"odds": Probabilities(0.01, 0.9, {"friction": 0.09}), "closed": replace(MOST, value=0.99)},
             AMBIGUOUS,
-            UNCERTAIN,
+            Doubt.UNCERTAIN,
         ),
     ],
 )
@@ -208,8 +210,13 @@ NOT_KNOWN = Probabilities(0.01, 0.7, {"friction": 0.29})
         (45.0, {"odds": NOT_KNOWN, "composition": ()}, NO_GAP, "baseline_error"),
         (45.0, {"closed": ClosedShare(0.8, 0.75, 0.85)}, NO_GAP, "baseline_error"),  # as of errors of a model
         (45.0, {"is_map": True}, NO_GAP, "baseline_error"),  # a map of it is its error, however much that closes
-        (45.0, {}, AMBIGUOUS, SIMULATION_ERROR),  # an effect that closes nearly all of it is not overlooked
-        (30.0, {"closed_alone": {"gas_spring": LESS}}, AMBIGUOUS, ALTERNATIVES),  # the error may make the difference
+        (45.0, {}, AMBIGUOUS, Doubt.SIMULATION_ERROR),  # an effect that closes nearly all of it is not overlooked
+        (
+            30.0,
+            {"closed_alone": {"gas_spring": LESS}},
+            AMBIGUOUS,
+            Doubt.ALTERNATIVES,
+        ),  # the error may make the difference
         (10.0, {"closed_alone": {"gas_spring": LESS}}, NAMED, ""),
         (20.0, {"odds": NOT_KNOWN, "closed": SOME}, UNKNOWN, ""),
         (0.0, {"odds": NOT_KNOWN, "closed": SOME}, UNKNOWN, ""),

@@ -119,14 +119,14 @@ def probed(function: Damper, rate_Hz: float = RATE_HZ, like: Damper = static) ->
     ],
 )
 def test_the_convention_of_the_current_is_found(function: Damper, convention: str, lead: float, rate_Hz: float) -> None:
-    found = probed(function, rate_Hz)
-    assert found.current_convention == convention
-    assert found.current_lead_samples == pytest.approx(lead, abs=0.1)
-    assert found.current_lead_s == pytest.approx(lead / rate_Hz, abs=0.1 / rate_Hz)
-    assert found.position_delay_s[0] == 0.0
-    assert found.noise_N == found.memory_N == 0.0 and found.calls == 5
-    assert bool(found.findings) == bool(found.timing) == (lead != 0.0)
-    assert ("Nothing found" in found.summary) == (lead == 0.0)
+    result = probed(function, rate_Hz)
+    assert result.current_convention == convention
+    assert result.current_lead_samples == pytest.approx(lead, abs=0.1)
+    assert result.current_lead_s == pytest.approx(lead / rate_Hz, abs=0.1 / rate_Hz)
+    assert result.position_delay_s[0] == 0.0
+    assert result.noise_N == result.memory_N == 0.0 and result.calls == 5
+    assert bool(result.findings) == bool(result.timing) == (lead != 0.0)
+    assert ("Nothing found" in result.summary) == (lead == 0.0)
 
 
 @pytest.mark.parametrize(
@@ -139,9 +139,9 @@ def test_the_convention_of_the_current_is_found(function: Damper, convention: st
     ],
 )
 def test_the_delay_of_a_filter_and_a_dead_time_are_found(function: Damper, rate_Hz: float, delay_s: float) -> None:
-    found = probed(function, rate_Hz)
-    assert found.position_delay_s == pytest.approx((delay_s, delay_s), rel=0.05)
-    assert "ms late" in found.findings[0].found
+    result = probed(function, rate_Hz)
+    assert result.position_delay_s == pytest.approx((delay_s, delay_s), rel=0.05)
+    assert "ms late" in result.findings[0].found
 
 
 @pytest.mark.parametrize("order", [0, 2])
@@ -155,8 +155,8 @@ def test_a_spring_beside_the_damper_is_no_filter(order: int) -> None:
 
 
 def test_the_lag_of_a_soft_damper_is_no_filter() -> None:
-    found = probed(sprung, 1000.0)
-    assert found.position_delay_s[0] < 0.6e-3 < found.position_delay_s[1]  # half a sample: it interpolates the stroke
+    result = probed(sprung, 1000.0)
+    assert result.position_delay_s[0] < 0.6e-3 < result.position_delay_s[1]  # half a sample: it interpolates the stroke
 
 
 def test_a_hydraulic_damper_has_no_delay_of_its_own(tmp_path: Path) -> None:
@@ -184,9 +184,9 @@ def test_noise_is_measured_and_hides_what_is_smaller() -> None:
     def seeded(time_s: F, position_m: F, current_A: F) -> F:
         return held(time_s, position_m, current_A) + 20.0 * np.random.default_rng(2).standard_normal(len(time_s))
 
-    found, same = probed(noisy), probed(seeded)
-    assert found.noise_N == pytest.approx(20.0, rel=0.1) and found.memory_N == 0.0
-    assert found.current_convention == UNCLEAR and not found.timing
+    result, same = probed(noisy), probed(seeded)
+    assert result.noise_N == pytest.approx(20.0, rel=0.1) and result.memory_N == 0.0
+    assert result.current_convention == UNCLEAR and not result.timing
     assert same.noise_N == pytest.approx(20.0, rel=0.3)
 
 
@@ -197,9 +197,9 @@ def test_a_state_between_calls_is_found() -> None:
         before, last[0] = last[0], float(np.ptp(position_m)) + float(position_m[-1])
         return held(time_s, position_m, current_A) + 1e3 * before * np.exp(-time_s)
 
-    found = probed(warming)
-    assert found.memory_N > 1.0 and found.noise_N == 0.0
-    assert "order" in found.findings[-1].meaning
+    result = probed(warming)
+    assert result.memory_N > 1.0 and result.noise_N == 0.0
+    assert "order" in result.findings[-1].meaning
 
 
 def test_what_cannot_be_probed_says_why() -> None:
@@ -212,8 +212,8 @@ def test_what_cannot_be_probed_says_why() -> None:
         def force(self, recording: Recording) -> F:
             raise TypeError("a mistake of the program")
 
-    found, gone = probe(RecordedSimulation("/force"), trace), probe(simulation(refusing), trace)
-    assert found.calls == 0 and "recorded predictions" in found.summary
+    result, gone = probe(RecordedSimulation("/force"), trace), probe(simulation(refusing), trace)
+    assert result.calls == 0 and "recorded predictions" in result.summary
     assert "only strokes of a road" in gone.summary and gone.findings == ()
     assert "not available: TypeError: a mistake of the program" in probe(Mistaken(), trace).summary
 
@@ -223,8 +223,8 @@ def test_a_constant_current_and_a_slow_sampling_leave_questions_open() -> None:
     channel = still.channel("current")
     constant = replace(channel, values=np.full(len(channel), 0.5))
     trace = open_trace(simulation(static), replace(still, channels={**still.channels, "current": constant}), False)
-    found = probe(simulation(interpolating), trace)
-    assert found.current_convention == UNCLEAR and not found.timing and found.calls == 3
+    result = probe(simulation(interpolating), trace)
+    assert result.current_convention == UNCLEAR and not result.timing and result.calls == 3
     slow = probed(static, 100.0)
     assert slow.current_convention == STATIC and np.isnan(slow.position_delay_s[1])
 
@@ -240,29 +240,29 @@ def test_no_sample_rate_is_an_obstacle(rate_Hz: float) -> None:
     known = recording(static, rate_Hz=rate_Hz)
     jitter = np.random.default_rng(3).integers(-50_000, 50_000, len(known.channel("position")))
     channels = {n: replace(c, stamps_ns=c.stamps_ns + jitter) for n, c in known.channels.items()}
-    found = probe(simulation(loose), open_trace(simulation(static), replace(known, channels=channels), False))
-    assert ("not probed" in found.summary) == (rate_Hz < 80.0)
-    assert rate_Hz < 80.0 or found.current_lead_samples == pytest.approx(0.5, abs=0.12)
+    result = probe(simulation(loose), open_trace(simulation(static), replace(known, channels=channels), False))
+    assert ("not probed" in result.summary) == (rate_Hz < 80.0)
+    assert rate_Hz < 80.0 or result.current_lead_samples == pytest.approx(0.5, abs=0.12)
 
 
 def test_a_correction_that_the_recordings_contradict_is_not_made() -> None:
     """The real current is interpolated, too; and a model has learnt the timing of its inputs."""
     own = simulation(interpolating)
     real = open_trace(own, recording(interpolating), False)
-    found, used = correct_inputs(own, [real], [])
-    assert found.timing and not found.corrected and used is own
-    assert "not corrected" in found.findings[0].meaning
+    result, used = correct_inputs(own, [real], [])
+    assert result.timing and not result.corrected and used is own
+    assert "not corrected" in result.findings[0].meaning
     model = ModelSimulation(fitted_model("hydraulic"))
-    found, used = correct_inputs(model, [real], [])
-    assert used is model and found.is_learnt and not found.corrected
-    assert found.findings == () and "keeps the timing" in found.summary
+    result, used = correct_inputs(model, [real], [])
+    assert used is model and result.is_learnt and not result.corrected
+    assert result.findings == () and "keeps the timing" in result.summary
 
 
 def test_references_decide_on_a_correction() -> None:
     own = simulation(interpolating)
     real, reference = (open_trace(own, recording(of, 2), False) for of in (interpolating, held))
-    found, used = correct_inputs(own, [real], [reference])
-    assert found.corrected.current_lead_samples == pytest.approx(0.5, abs=0.1)
+    result, used = correct_inputs(own, [real], [reference])
+    assert result.corrected.current_lead_samples == pytest.approx(0.5, abs=0.1)
     assert isinstance(used, RetimedSimulation) and used.innermost is own
 
 
@@ -299,15 +299,15 @@ def fast(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 def test_a_filter_inside_is_no_position_delay(fast: None, tmp_path: Path) -> None:
-    found = run(partial(low_passed, order=1))
-    assert found.verdict == NO_GAP and found.composition.effects == ()
-    assert found.gap.rms_N > 30.0 > 10.0 * found.gap.corrected_N  # the gap is that of the simulation as it is run
-    assert found.probe.corrected.position_delay_s == pytest.approx(2.6e-3, rel=0.1)
-    assert "beyond the timing" in found.sentence
-    files = result_files(found, {"spec": "here:f", "sha256": None}, ())
+    result = run(partial(low_passed, order=1))
+    assert result.verdict == NO_GAP and result.composition.effects == ()
+    assert result.gap.rms_N > 30.0 > 10.0 * result.gap.corrected_N  # the gap is that of the simulation as it is run
+    assert result.probe.corrected.position_delay_s == pytest.approx(2.6e-3, rel=0.1)
+    assert "beyond the timing" in result.sentence
+    files = result_files(result, {"spec": "here:f", "sha256": None}, ())
     assert "What the simulation does to its inputs" in files["report.html"] and "ms late" in files["report.html"]
     told = json.loads(files["gap.json"])["input_probe"]
-    assert told["corrected"]["position_delay_s"] == pytest.approx(found.probe.corrected.position_delay_s, rel=1e-4)
+    assert told["corrected"]["position_delay_s"] == pytest.approx(result.probe.corrected.position_delay_s, rel=1e-4)
     path = tmp_path / "augmented.json"
     path.write_text(files["augmented.json"])
     again = load_augmented(path, lambda spec: simulation(partial(low_passed, order=1)))
@@ -320,7 +320,7 @@ def test_a_filter_inside_is_no_position_delay(fast: None, tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_an_interpolated_current_is_no_valve_lag(fast: None) -> None:
-    found = run(interpolating, 1.0)
-    assert found.verdict == NO_GAP and found.composition.effects == ()
-    assert found.gap.rms_N > 3.0 * found.gap.corrected_N
-    assert found.probe.corrected.current_lead_samples == pytest.approx(0.5, abs=0.1)
+    result = run(interpolating, 1.0)
+    assert result.verdict == NO_GAP and result.composition.effects == ()
+    assert result.gap.rms_N > 3.0 * result.gap.corrected_N
+    assert result.probe.corrected.current_lead_samples == pytest.approx(0.5, abs=0.1)

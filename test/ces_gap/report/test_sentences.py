@@ -22,19 +22,7 @@ from ces_gap.baseline.wrappers import InputTiming
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, find_closest
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.simulation_errors import SpeedCurve
-from ces_gap.inference.judgement import (
-    ALTERNATIVES,
-    LEAVES_MORE,
-    NOT_CONFIRMED,
-    REMAINS,
-    SIMULATION_ERROR,
-    TIMING,
-    UNCERTAIN,
-    UNDETERMINED,
-    WITHIN_BASELINE,
-    WITHIN_NOISE,
-    WITHIN_TOLERANCE,
-)
+from ces_gap.inference.judgement import TIMING, Doubt, Within
 from ces_gap.inference.rare import RareDeviation
 from ces_gap.inputs.probe_result import HELD, SimulationProbe
 from ces_gap.report.page import build_gap_steps, report_page
@@ -73,10 +61,10 @@ def diagnoses(draw: st.DrawFn) -> Diagnosis:
         gap=gap,
         causes=tuple(sorted(causes, key=lambda c: -c.probability)),
         composition=together,
-        doubt=draw(st.sampled_from([SIMULATION_ERROR, REMAINS, LEAVES_MORE, UNCERTAIN]))
+        doubt=draw(st.sampled_from([Doubt.SIMULATION_ERROR, Doubt.REMAINS, Doubt.LEAVES_MORE, Doubt.UNCERTAIN]))
         if verdict == AMBIGUOUS
         else "",
-        no_gap_reason=draw(st.sampled_from([WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TOLERANCE])),
+        no_gap_reason=draw(st.sampled_from([Within.BASELINE_ERROR, Within.NOISE, Within.TOLERANCE])),
         ceiling_after_N=corrected_N * draw(st.floats(0.0, 1.5)),
         correction=LEARNED if referenced else None,
         probe=LATE if late else base.probe,
@@ -150,7 +138,7 @@ def test_what_users_objected_to() -> None:
     """Sentences that stood in reports, each of which contradicted itself."""
     d = replace(named(), correction=LEARNED)
     gap = replace(d.gap, rms_N=9.04, corrected_N=8.98)
-    alike = replace(d, verdict=NO_GAP, no_gap_reason=WITHIN_BASELINE, gap=gap, held_out=())
+    alike = replace(d, verdict=NO_GAP, no_gap_reason=Within.BASELINE_ERROR, gap=gap, held_out=())
     assert "all but 9 N of the 9 N" not in format_verdict(alike) and "9 N RMS are left" in format_verdict(alike)
     enlarged = replace(d, correction=None, gap=replace(d.gap, rms_N=68.6, corrected_N=69.6), probe=LATE)
     assert "lie beyond" not in describe_timing(enlarged) and "69.6" not in describe_timing(enlarged)
@@ -159,7 +147,7 @@ def test_what_users_objected_to() -> None:
     smoothed = replace(d.composition, effects=(TIMING,))
     assert "caused by the simulation's timing" in format_verdict(replace(d, composition=smoothed))
     assert "80 N over 30 ms at 12.34 s of road (stroke 31 mm" in describe_rare(replace(d, rare=RARE))
-    never = replace(d, verdict=AMBIGUOUS, doubt=ALTERNATIVES, alternatives=("valve_lag",), next_experiment=None)
+    never = replace(d, verdict=AMBIGUOUS, doubt=Doubt.ALTERNATIVES, alternatives=("valve_lag",), next_experiment=None)
     assert "references that are free" not in report_page(never)
     assert "references that are free" in report_page(replace(never, correction=None))
 
@@ -177,17 +165,17 @@ def format_text(effects: tuple[str, ...] | None = None, **changed: object) -> st
     return format_verdict(replace(named(), **{"correction": LEARNED, "composition": composition, **changed}))  # type: ignore[arg-type]
 
 
-DOUBTFUL = {"verdict": AMBIGUOUS, "doubt": ALTERNATIVES}
+DOUBTFUL = {"verdict": AMBIGUOUS, "doubt": Doubt.ALTERNATIVES}
 GROUPS = (("inertia", "gas_spring"), ("friction", "current_hysteresis", "backlash"))
 
 
 @pytest.mark.parametrize("verdict", [NAMED, AMBIGUOUS, UNKNOWN, NO_GAP])
 def test_the_verdict_is_one_sentence(verdict: str) -> None:
-    reason, alike = WITHIN_NOISE if verdict == NO_GAP else "", {}
+    reason, alike = Within.NOISE if verdict == NO_GAP else "", {}
     if verdict == AMBIGUOUS:
         alike = {
             "indistinguishable": (("friction", "valve_lag"),),
-            "doubt": ALTERNATIVES,
+            "doubt": Doubt.ALTERNATIVES,
             "alternatives": ("valve_lag",),
         }
     text = format_text(verdict=verdict, no_gap_reason=reason, **alike)
@@ -230,22 +218,22 @@ def test_an_unknown_cause_comes_with_the_closest_effect() -> None:
     assert "closest, friction" in format_text(verdict=UNKNOWN, composition=nothing)
     assert "closest" not in format_text(verdict=UNKNOWN, composition=nothing, causes=())
     assert "a learner without physics 4 N" in format_text(verdict=UNKNOWN)
-    unlimited = replace(named().gap, noise_known=False, noise_source="high frequencies, not limited by any source")
-    assert "noise not known: high frequencies" in format_text(verdict=UNKNOWN, gap=unlimited)
+    noisy_gap = replace(named().gap, noise_known=False, noise_source="high frequencies, not limited by any source")
+    assert "noise not known: high frequencies" in format_text(verdict=UNKNOWN, gap=noisy_gap)
 
 
 @pytest.mark.parametrize(
     ("doubt", "text"),
     [
-        (SIMULATION_ERROR, "Friction may be an error of the simulation itself; with friction, the gap beyond"),
-        (UNDETERMINED, "The interval of an effect's size includes no effect"),
-        (NOT_CONFIRMED, "The held-out recordings do not confirm"),
-        (LEAVES_MORE, "leaves more of the gap's energy than it closes"),
+        (Doubt.SIMULATION_ERROR, "Friction may be an error of the simulation itself; with friction, the gap beyond"),
+        (Doubt.UNDETERMINED, "The interval of an effect's size includes no effect"),
+        (Doubt.NOT_CONFIRMED, "The held-out recordings do not confirm"),
+        (Doubt.LEAVES_MORE, "leaves more of the gap's energy than it closes"),
         (
-            REMAINS,
+            Doubt.REMAINS,
             "Something else remains beside friction, as a learner without physics leaves 4 N; with friction, the",
         ),
-        (UNCERTAIN, "not certain enough to be named"),
+        (Doubt.UNCERTAIN, "not certain enough to be named"),
     ],
 )
 def test_an_ambiguous_verdict_says_what_speaks_against_the_cause(doubt: str, text: str) -> None:

@@ -32,7 +32,7 @@ def slow_free_run(terms, inputs, segments):
 
 @pytest.mark.parametrize("best", [np.inf, 1e-3])
 def test_free_run_cost(inputs, best):
-    compiled, powers, coefficients = tables(TERMS, inputs)
+    layout, powers, coefficients = tables(TERMS, inputs)
     slow = slow_free_run(TERMS, inputs, SEGMENTS)
     measured = slow + np.random.default_rng(6).normal(size=4000)
     weights = np.where(np.arange(4000) % 3 == 0, 1e-4, 0.0)
@@ -41,20 +41,10 @@ def test_free_run_cost(inputs, best):
     expected = 50.0 * (np.sqrt(squared[:1503].sum()) + np.sqrt(squared[1503:].sum()))
     room = np.empty((1 + len(TERMS), kernels.BLOCK)), np.empty(4000)
     run = kernels.ScoredRun(powers, SEGMENTS, recordings, weights, measured, (-1e6, 1e6))
-    cost = kernels.free_run_cost(run, compiled.arrays, coefficients, best, *room)
+    cost = kernels.free_run_cost(run, layout.arrays, coefficients, best, *room)
     assert cost == (pytest.approx(expected, rel=1e-9) if best == np.inf else np.inf)
     leaving = run._replace(bounds=(-1.0, 1.0))
-    assert kernels.free_run_cost(leaving, compiled.arrays, coefficients, np.inf, *room) == np.inf
-
-
-def test_regressor_columns(inputs):
-    compiled, powers, _ = tables(TERMS, inputs)
-    measured = np.random.default_rng(7).normal(size=4000)
-    for segment, k0, k1 in ((0, 0, 40), (2, 1503, 1540), (2, 3000, 3050)):
-        fast = kernels.regressor_columns(powers, measured, SEGMENTS, compiled.arrays, k0, k1, segment)
-        start = SEGMENTS[segment, 0]
-        slow = [[slow_regressor(t, inputs, measured, k, start) for k in range(k0, k1)] for t in TERMS]
-        np.testing.assert_allclose(fast, slow, rtol=1e-9)
+    assert kernels.free_run_cost(leaving, layout.arrays, coefficients, np.inf, *room) == np.inf
 
 
 def test_solve_normal_is_least_squares():
@@ -71,11 +61,3 @@ def test_solve_normal_refuses_dependent_columns():
     columns = np.random.default_rng(9).normal(size=(50, 2))
     full = np.column_stack([columns, columns @ [1.0, 2.0], np.ones(50)])
     assert not kernels.solve_normal(full.T @ full, np.array([0, 1, 2]), 1e-9)[1]
-
-
-@pytest.mark.parametrize("power", [0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.1])
-@pytest.mark.parametrize("signed", [True, False])
-def test_power_row(power, signed):
-    values = np.array([-2.0, -0.3, 0.0, 0.7, 4.0])
-    slow = [abs(s) ** power * (-1.0 if signed and s < 0 else 1.0) for s in values]
-    np.testing.assert_allclose(kernels.power_row(values, power, signed), slow, rtol=1e-14)

@@ -17,7 +17,7 @@ from physical_examples import make_valve
 from physical_models import FITTED, fitted_model, hostile_inputs
 from samplings import make_sampling
 
-from ces_identify.numerics.core import compiled
+from ces_identify.numerics.core import compile_tick
 from ces_identify.structures import run_batch
 from ces_observer.model import Model, parse_model
 from ces_observer.structures.curves import Bypass, FlowMap
@@ -74,7 +74,7 @@ def test_python_and_numba_give_the_same_bits(which: str | int) -> None:
     numbers = [np.array(part, float) for part in (p, s)]
     wholes = [np.array(part, np.int64) for part in (n, k)]
     same = numbers[0], wholes[0], numbers[1], wholes[1]
-    reset, tick = compiled(hydraulic_reset), compiled(hydraulic_tick)
+    reset, tick = compile_tick(hydraulic_reset), compile_tick(hydraulic_tick)
     hydraulic_reset(p, n, s, k)
     reset(*same)
     rows = [*hostile_inputs(model, Random(7), COMPARED), (0.0, 0.1, np.nan), (0.0, np.inf, 0.5), (np.nan, 0.0, 0.5)]

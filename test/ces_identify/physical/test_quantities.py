@@ -35,7 +35,7 @@ def test_a_search_whose_time_is_up_takes_no_step():
     fit = search._fit(models, theta, STRENGTH, 0, LAST_STEPS)
     search._fit_kind(models, 1)
     assert search.refit(fit) is theta
-    assert (fit.result.ended, len(search._found)) == (TIME_IS_UP, 1)
+    assert (fit.result.ended, len(search._fits)) == (TIME_IS_UP, 1)
 
 
 def values_of(models, theta, errors):

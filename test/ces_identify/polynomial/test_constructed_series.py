@@ -3,7 +3,7 @@
 import numpy as np
 from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP
 
-from ces_identify.polynomial.problem import compile_terms, probe, signal_values
+from ces_identify.polynomial.problem import lay_out_terms, probe, signal_values
 from ces_observer.structures.terms import Factor, Term
 
 ALL = (STOP, PLAY, LAG, FREQUENCY, LOW, MID, HIGH, SHORT, LONG)
@@ -35,7 +35,7 @@ def test_probes_take_a_membership_for_what_it_is_and_go_through_its_kinks():
     """Of three blended gains of 0.9 at most one counts at a time; a probe misses none of their peaks."""
     terms = [Term(1.0, (Factor("force", 1), Factor(hat.name, 8, 1.0, False, hat))) for hat in (LOW, MID, HIGH)]
     terms.append(Term(1.0, (Factor("force", 1), Factor("current", 8, 1.0, False))))
-    probes = probe(compile_terms(terms), ENVELOPE)
+    probes = probe(lay_out_terms(terms), ENVELOPE)
     np.testing.assert_allclose(probes[:3].sum(axis=0), 1.0, rtol=1e-14)
     np.testing.assert_allclose(probes[:3].max(axis=1), 1.0)
     np.testing.assert_allclose(probes[0], [LOW.at(x) for x in probes[3]])

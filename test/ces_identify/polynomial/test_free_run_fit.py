@@ -17,58 +17,58 @@ from ces_identify.polynomial.rules_file import parse_rules
 from ces_identify.prepare.series import prepare
 
 
-def run(powers, compiled, coefficients):
-    return kernels.free_run(powers, SEGMENTS, compiled.arrays, coefficients, (-1e9, 1e9))[0]
+def run(powers, layout, coefficients):
+    return kernels.free_run(powers, SEGMENTS, layout.arrays, coefficients, (-1e9, 1e9))[0]
 
 
-def slopes(powers, compiled, coefficients):
+def slopes(powers, layout, coefficients):
     """Return dy/dc (ticks, terms) by central differences."""
     columns = []
     for t in range(len(coefficients)):
         step = np.zeros(len(coefficients))
         step[t] = 1e-6
-        plus, minus = run(powers, compiled, coefficients + step), run(powers, compiled, coefficients - step)
+        plus, minus = run(powers, layout, coefficients + step), run(powers, layout, coefficients - step)
         columns.append((plus - minus) / 2e-6)
     return np.array(columns).T
 
 
 @pytest.fixture
 def case(inputs):
-    compiled, powers, coefficients = tables(TERMS, inputs)
-    force = run(powers, compiled, coefficients)
+    layout, powers, coefficients = tables(TERMS, inputs)
+    force = run(powers, layout, coefficients)
     measured = force + np.random.default_rng(3).normal(size=len(force))
     weights = np.where(np.arange(len(force)) % 5 == 0, 0.01, 0.0)
-    return compiled, powers, coefficients, force, measured, weights
+    return layout, powers, coefficients, force, measured, weights
 
 
 def test_normal_equations_are_those_of_the_sensitivities(case):
-    compiled, powers, coefficients, force, measured, weights = case
+    layout, powers, coefficients, force, measured, weights = case
     error, matrix, gradient = normal_equations(
-        powers, SEGMENTS, weights, measured, compiled.arrays, coefficients, (-1e9, 1e9)
+        powers, SEGMENTS, weights, measured, layout.arrays, coefficients, (-1e9, 1e9)
     )
-    s = slopes(powers, compiled, coefficients)
+    s = slopes(powers, layout, coefficients)
     assert error == pytest.approx((weights * (measured - force) ** 2).sum(), rel=1e-9)
     np.testing.assert_allclose(matrix, s.T @ (weights[:, None] * s), rtol=1e-5)
     np.testing.assert_allclose(gradient, s.T @ (weights * (measured - force)), rtol=1e-5, atol=1e-5)
 
 
 def test_a_run_out_of_bounds_has_an_infinite_error(case):
-    compiled, powers, coefficients, _, measured, weights = case
-    args = (powers, SEGMENTS, weights, measured, compiled.arrays, coefficients)
+    layout, powers, coefficients, _, measured, weights = case
+    args = (powers, SEGMENTS, weights, measured, layout.arrays, coefficients)
     assert normal_equations(*args, (-1e-3, 1e-3))[0] == np.inf
 
 
 def test_a_candidate_outside_the_model_has_its_sensitivity_at_zero(case):
     """The last terms are left out of the model; their sensitivities are those at a coefficient of zero."""
-    compiled, powers, coefficients, *_, measured, weights = case
+    layout, powers, coefficients, *_, measured, weights = case
     inside, outside = np.arange(4), np.array([4, 5])
     zero = np.where(np.arange(6) < 4, coefficients, 0.0)
-    own = compiled.subset(inside)
+    own = layout.subset(inside)
     lags = np.unique(own.outputs[own.outputs > 0])
     gains = output_gains(powers, SEGMENTS, own, coefficients[:4], lags)
-    force = run(powers, compiled, zero)
-    expected = slopes(powers, compiled, zero)
-    c = compiled
+    force = run(powers, layout, zero)
+    expected = slopes(powers, layout, zero)
+    c = layout
     every = np.ones(len(force))
     both = sensitivities(powers, SEGMENTS, force, c.arrays, outside, gains, lags, every)
     np.testing.assert_allclose(both, expected[:, 4:], rtol=1e-5, atol=1e-6)

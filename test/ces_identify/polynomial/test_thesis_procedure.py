@@ -1,6 +1,5 @@
 """The thesis' procedure: against a slow twin of its flow chart, where it stops, and what is said of its stability."""
 
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,15 +10,15 @@ from identification_examples import RULES, SAMPLING, planted
 from ces import validate
 from ces_data.reading import read_recording
 from ces_identify.identification import identify
-from ces_identify.numerics.search import THESIS, TIME_IS_UP, WORK_IS_DONE, Limits, clock_s
+from ces_identify.numerics.search import THESIS, TIME_IS_UP, WORK_IS_DONE, Limits, SearchStart
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.polynomial.rules_file import load_rules
-from ces_identify.polynomial.selection import ThesisStart
+from ces_identify.polynomial.selection import ThesisSearch
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError, ModelError
+from ces_observer.limits import FileLimits
 from ces_observer.nodes.model_check import require_stable
-from ces_observer.structures.terms import MAX_TERMS
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")]
 ROOT = Path(__file__).resolve().parents[3]
@@ -34,9 +33,8 @@ def problem():
 
 
 def start(problem, heard=None, **limits):
-    deadline = clock_s() + 60.0
     listener = (lambda result: None) if heard is None else heard.append
-    return ThesisStart(problem, replace(ONCE, **limits), 3, deadline, threading.Event(), listener)
+    return ThesisSearch(problem, SearchStart(replace(ONCE, seed=3, **limits), listener))
 
 
 def slow_cost(problem, chosen):
@@ -81,9 +79,7 @@ def test_it_stops_at_the_target_at_its_limit_of_terms_and_when_time_is_up(proble
     early = start(problem, target=1.5 * whole.cost).run()
     assert (early.ended, early.cost <= 1.5 * whole.cost) == ("target cost reached", True)
     assert len(start(problem, terms=2).run().chosen) <= 2 < len(whole.chosen)
-    late = start(problem)
-    late.deadline = clock_s() - 1.0
-    stopped = late.run()
+    stopped = start(problem, time=-1.0).run()
     assert (stopped.ended, stopped.chosen.tolist()) == (TIME_IS_UP, problem.initial.tolist())
     least = start(problem, work=0.0).run()
     assert (least.ended, least.share) == (WORK_IS_DONE, 1.0)
@@ -132,5 +128,5 @@ def test_regressors_that_diverge_are_refused_with_what_to_do():
 
 
 def test_only_the_procedure_of_the_thesis_has_no_limit_on_terms_unless_it_is_given():
-    assert (Limits().term_limit, Limits(method=THESIS).term_limit) == (25, MAX_TERMS)
+    assert (Limits().term_limit, Limits(method=THESIS).term_limit) == (25, FileLimits.MAX_TERMS)
     assert Limits(7).term_limit == Limits(7, method=THESIS).term_limit == 7

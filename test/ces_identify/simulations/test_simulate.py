@@ -13,8 +13,8 @@ from samplings import make_sampling
 
 from ces_data.recording import Channel, Recording
 from ces_identify.prepare.series import hold_current, prepare
-from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import sample_force, sample_run, simulate_series
+from ces_identify.validation.band import band_half_width
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, parse_model
 from ces_observer.structures.polynomial import Polynomial
