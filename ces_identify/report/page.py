@@ -44,7 +44,7 @@ from ces_observer.model import Model
 from ces_report.plot import SIZES, draw_chart, share_points
 from ces_report.shell import format_key, page_template, replace_unencodable
 from ces_report.table import text_table
-from ces_report.typesetting import join_names, minus, three_figures
+from ces_report.typesetting import Chart, join_names, minus, three_figures
 
 ROLES = (VALIDATION, IDENTIFICATION)
 MAX_WARNED = 3  # recordings outside the envelope that have a warning each
@@ -129,12 +129,15 @@ def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int
         "section": section,
         "charts": [
             (draw_chart(f"chart{n}", chart, size), chart.caption)
-            for n, (chart, size) in enumerate(
-                zip(section.charts or [steady_chart(model, ordered)], SIZES, strict=False)
-            )
+            for n, (chart, size) in enumerate(zip(section.charts, SIZES, strict=False))
         ],
+        "steady": None if section.charts or not ordered else _draw_steady(steady_chart(model, ordered)),
         "maps": _draw_maps(ordered, model),
     }
+
+
+def _draw_steady(chart: Chart) -> tuple[Markup, str]:
+    return draw_chart("steady", chart, SIZES[0]), chart.caption
 
 
 def _describe_recordings(evaluations: Sequence[Evaluation]) -> str:

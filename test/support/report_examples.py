@@ -48,5 +48,5 @@ def damper(
 
 
 def model(**changes: object) -> Model:
-    first = Model(SAMPLING, Polynomial(TERMS), WIDE, (-9000.0, 9000.0), None, {"tool": "ces_observer"})
+    first = Model(SAMPLING, Polynomial(TERMS), WIDE, (-9000.0, 9000.0), provenance={"tool": "ces_observer"})
     return replace(first, **changes)

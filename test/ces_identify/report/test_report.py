@@ -72,7 +72,7 @@ def test_ids_are_unique_and_every_figure_has_an_accessible_name(whole, both):
     idents = [e.get("id") for e in root.iter() if e.get("id")]
     assert len(idents) == len(set(idents))
     figures = list(root.iter(f"{SVG}svg"))
-    assert len(figures) == 3 * len(both) + 3
+    assert len(figures) == 3 * len(both) + 4
     for figure in figures:
         assert figure.get("role") == "img"
         assert set((figure.get("aria-labelledby") or "").split()) <= set(idents)
