@@ -22,7 +22,7 @@ from ces_identify.polynomial.rules_file import FIRST_GUESS_S, constructions_from
 from ces_identify.polynomial.selection import GaussNewtonSearch
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import (
     BASE,
@@ -54,7 +54,8 @@ def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
         raise CesError(f"'{spec}': expected SIGNAL:A,B,... with a signal among {', '.join(signals)}")
     name = f"by_{of}"
     if name in rules.constructed:
-        raise CesError(f"constructed input '{name}': is defined already; give --blend once for a signal")
+        once = OptionName("blend")
+        raise CesError(f"constructed input '{name}': is defined already; give ", once, " once for a signal")
     try:
         peaks = [float(peak) for peak in text.split(",") if peak]
     except ValueError:

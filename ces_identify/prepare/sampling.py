@@ -22,8 +22,9 @@ from ces_data.samples import remove_spikes
 from ces_identify.limits import SamplingLimits, TickLimits
 from ces_identify.prepare.series import Tracked, select_samples, track, usable_samples
 from ces_observer.bank_design import ACCELERATION, SPEED
-from ces_observer.errors import RecordingError
-from ces_observer.model import FREQUENCIES_HZ, MAX_DELAY_S, Sampling
+from ces_observer.errors import OptionName, RecordingError
+from ces_observer.limits import FileLimits
+from ces_observer.model import FREQUENCIES_HZ, Sampling
 
 WINDOW_S = 4.0  # [s] of a Welch segment
 MIN_NOISE = 1e-6  # of the RMS speed in a tick: the noise of positions without any
@@ -198,13 +199,14 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def require_delay(delay_s: float, rate_Hz: float) -> float:
-    """Return the delay; raises RecordingError unless it is a whole number of ticks up to MAX_DELAY_S."""
+    """Return the delay; raises RecordingError unless it is a whole number of ticks up to FileLimits.MAX_DELAY_S."""
     ticks = delay_s * rate_Hz
-    if not (0.0 <= delay_s <= MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
+    if not (0.0 <= delay_s <= FileLimits.MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
         near = round(ticks) if np.isfinite(ticks) else 1
         raise RecordingError(
-            f"--delay {delay_s:g}: expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) "
-            f"from 0 to {MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, MAX_DELAY_S):g}"
+            OptionName("delay", delay_s),
+            f": expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) from 0 to "
+            f"{FileLimits.MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, FileLimits.MAX_DELAY_S):g}",
         )
     return round(ticks) / rate_Hz
 
@@ -227,7 +229,8 @@ def _require_rate(recordings: Sequence[Recording], rates: Sequence[float], rate_
     slowest, name = min(zip(rates, (recording.name for recording in recordings), strict=True), key=lambda pair: pair[0])
     if rate_Hz is not None and rate_Hz > SamplingLimits.RATE_SLACK * slowest:
         data = f"the positions in {name} are at {slowest:.5g} Hz"
-        raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
+        advice = "; choose at most that, or leave the rate out"
+        raise RecordingError(OptionName("rate", rate_Hz), f": {data}{advice}")
 
 
 def choose_motion(recordings: Sequence[Recording], speed: str | None = None) -> str:
@@ -237,7 +240,8 @@ def choose_motion(recordings: Sequence[Recording], speed: str | None = None) -> 
     optional; the speed if they have both.
     """
     if speed == MEASURED and (lacks := next((r.name for r in recordings if SPEED not in r.channels), "")):
-        raise RecordingError(f"{lacks}: no measured speed; describe 'speed' in the signals file, or remove --speed")
+        remedy = "describe 'speed' in the signals file, or remove "
+        raise RecordingError(f"{lacks}: no measured speed; {remedy}", OptionName("speed"))
     names = [r.channels.keys() - r.optional for r in recordings] if speed is None else []
     signal = next((name for name in (SPEED, ACCELERATION) if all(name in own for own in names)), "")
     return signal if speed is None else SPEED if speed == MEASURED else ""

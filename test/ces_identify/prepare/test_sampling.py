@@ -112,7 +112,7 @@ def test_positions_are_believed_within_a_stroke_and_a_margin():
 
 @pytest.mark.parametrize(
     ("rate", "message"),
-    [(1e5, "--rate 100000: the positions in slow are at 500 Hz"), (520.0, "--rate 520: the positions in slow are at")],
+    [(1e5, "rate=100000: the positions in slow are at 500 Hz"), (520.0, "rate=520: the positions in slow are at")],
 )
 def test_a_rate_above_the_data_is_refused(rate, message):
     both = [recording(noisy(21, hz, 1e-5)[0], hz, name=name) for hz, name in ((1000.0, "fast"), (500.0, "slow"))]
@@ -124,7 +124,7 @@ def test_a_rate_above_the_data_is_refused(rate, message):
 def test_a_delay_is_whole_ticks_up_to_20_ms():
     made = recording(noisy(23, 1000.0, 1e-5)[0], 1000.0)
     assert choose_sampling([made], 500.0, 0.02).delay_ticks == 10
-    with pytest.raises(RecordingError, match=r"--delay 0.003: expected whole ticks of 0.002 s .*, such as 0.004$"):
+    with pytest.raises(RecordingError, match=r"delay=0.003: expected whole ticks of 0.002 s .*, such as 0.004$"):
         choose_sampling([made], 500.0, 0.003)
     assert require_delay(0.003, 1000.4) == 3.0 / 1000.4, "a rate that is measured is not round"
     for delay in (0.0005, 0.0033, 0.021, -0.001, float("nan")):

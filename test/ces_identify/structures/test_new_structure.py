@@ -166,8 +166,8 @@ def test_the_controller_can_invert_it():
 @pytest.mark.slow
 def test_it_is_identified_by_its_name_and_reported(tmp_path):
     words = shlex.split("--structure dashpot --percent 50")
-    assert make_parser().parse_args(["bag"]).structure == "polynomial"
-    identify = select_identify_function(make_parser().parse_args(["bag", *words]))
+    assert make_parser().read(["bag"]).model.structure == "polynomial"
+    identify = select_identify_function(make_parser().read(["bag", *words]).model)
     found = identify([planted(model(), 1)], [planted(model(), 2)], IdentifyOptions(rate=RATE_HZ))
     assert found.model.body.viscosity == pytest.approx(400.0, rel=0.05)
     assert found.model.certificate["viscosity_Ns_m"] == found.model.body.viscosity
