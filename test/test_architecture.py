@@ -68,7 +68,7 @@ MAX_PACKAGE = {
     "ces_observer": 141.7,
     "ces_data": 93.8,
     "ces_report": 12.7,
-    "ces_identify": 169.3,
+    "ces_identify": 169.2,
     "ces_rig": 71.9,
     "ces_gap": 128.5,
     "ces_cli": 70.6,
