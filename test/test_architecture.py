@@ -73,7 +73,7 @@ MAX_PACKAGE = {
     "ces_gap": 129.1,
     "ces_cli": 66.2,
     "bench": 71.8,
-    "test": 472.1,
+    "test": 471.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
