@@ -49,7 +49,7 @@ class BuildWithSchemas(build_py):
     def run(self):
         super().run()
         try:
-            from ces_cli.schemas import write_schemas
+            from ces_cli.schema import write_schemas
         except ImportError:  # numpy and the like: `ces` makes the schemas when it first needs them
             return
         if not self.editable_mode:

@@ -3,46 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bags, open_simulation
-from ces_cli.terminal.options import FIT, HELD_OUT, JSON, OVERWRITE, REAL, SIGNALS
-from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_cli.terminal.options import FIT, HELD_OUT, JSON, OVERWRITE, REAL, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.outputs import OUT, print_document, require_outputs
 from ces_cli.terminal.progress import DiagnoseProgress
+from ces_data.signals_file import load_signals
 from ces_gap.augmented import name_simulation
 from ces_gap.calibrate.calibration import Calibration, calibrate
 from ces_gap.inputs.checks import check_recordings
 from ces_gap.report.calibration import FILE, calibration_content, calibration_files, describe, parameter_table
 from ces_observer.json_text import write_all_atomically
-from ces_observer.options import Option
+from ces_observer.records import declare
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateRequest(ProgramRequest):
+    """What `ces calibrate` is asked for."""
+
+    sim: str = option(meaning=HELP, metavar="SIM")
+    real: tuple[str, ...] = declare(REAL)
+    held_out: tuple[str, ...] = declare(HELD_OUT)
+    fit: tuple[str, ...] = declare(FIT)
+    signals: Path | None = declare(SIGNALS)
+    out: Path = option(meaning="folder to write, created if necessary", metavar="DIR")
+    overwrite: bool = declare(OVERWRITE)
+    json: bool = declare(JSON)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = make_parser().parse_args(argv)
-    require_outputs(options.overwrite, folders={"--out": options.out})
-    signals = terminal.load_described_signals(options)
-    simulation = open_simulation(options.sim)
+    request = make_parser().read(argv)
+    require_outputs(request.overwrite, folders={OUT: request.out})
+    signals = load_signals(request.signals)
+    simulation = open_simulation(request.sim)
     real, held_out = (
         [terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(words)]
-        for words in (options.real, options.held_out)
+        for words in (request.real, request.held_out)
     )
     for text in check_recordings(real, held_out, []):
         terminal.print_warning(text)
     with DiagnoseProgress("calibrating") as progress:
-        result = calibrate(simulation, options.sim, real, held_out, options.fit, progress.listen)
+        result = calibrate(simulation, request.sim, real, held_out, request.fit, progress.listen)
     facts = {"Command": terminal.command_line("calibrate", argv)}
     sources = {"real": real, "held_out": held_out}
-    files = calibration_files(result, name_simulation(options.sim, options.out), sources, facts)
-    options.out.mkdir(parents=True, exist_ok=True)
-    write_all_atomically({options.out / name: text for name, text in files.items()})
-    if options.json:
-        print_document("calibrate", {"folder": options.out, "files": list(files), **calibration_content(result)})
+    files = calibration_files(result, name_simulation(request.sim, request.out), sources, facts)
+    request.out.mkdir(parents=True, exist_ok=True)
+    write_all_atomically({request.out / name: text for name, text in files.items()})
+    if request.json:
+        print_document("calibrate", {"folder": request.out, "files": list(files), **calibration_content(result)})
     else:
-        _print_result(result, options.out, list(files))
+        _print_result(result, request.out, list(files))
     return 0
 
 
@@ -59,8 +75,8 @@ def _print_result(result: Calibration, folder: Path, files: Sequence[str]) -> No
     print(f"written: {folder}/{', '.join(files)}")
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
+def make_parser() -> terminal.Parser[CalibrateRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "calibrate",
         "Fit the named parameters of a simulation to recordings of the real damper: numbers among the keyword-only "
@@ -70,11 +86,5 @@ def make_parser() -> terminal.Parser:
         "report.html.",
         "ces calibrate --sim simulator:force --real worn/* --out fitted\n"
         "  ces calibrate --sim simulator:force --real worn/* --fit seal_N knee_m_s=0.05..0.3 --out fitted",
-        Option("sim", meaning=HELP, metavar="SIM"),
-        REAL,
-        HELD_OUT,
-        FIT,
-        SIGNALS,
-        Option("out", meaning="folder to write, created if necessary", kind=Path, metavar="DIR"),
-        *(OVERWRITE, JSON),
+        CalibrateRequest,
     )

@@ -9,31 +9,50 @@ from typing import Any
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bags, find_file, open_simulation, print_findings, with_predictions
-from ces_cli.terminal.options import JSON, OVERWRITE, PART, REPORT, SIGNALS, Argument
+from ces_cli.terminal.options import JSON, OVERWRITE, PART, REPORT, SIGNALS, ProgramRequest, argument
+from ces_cli.terminal.outputs import REPORT as REPORT_FILE
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs
 from ces_data.arrays import F
 from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
 from ces_identify.comparison import comparison_report
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_model
 from ces_identify.comparison.comparison import Comparison, compare, headline, model_table, name_sources
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError
+from ces_observer.records import declare
 from ces_observer.signals import Signals
 from ces_report.table import Table
 
 FILES = (".json", ".yaml", ".yml")
 MAX_PAIRS = 6  # that the terminal shows
+WORDS = (
+    "simulations to compare (MODEL.json, AUGMENTED.json, RIG.yaml, FILE.fmu, module:function, topic:/name) "
+    "and recordings"
+)
 USAGE = "usage: ces compare A.json B.json ... BAG..."
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareRequest(ProgramRequest):
+    """What `ces compare` is asked for."""
+
+    words: tuple[str, ...] = argument((), WORDS, metavar="SIM|BAG", count="+")
+    signals: Path | None = declare(SIGNALS)
+    part: tuple[float, float] = declare(PART)
+    report: Path | None = declare(REPORT)
+    json: bool = declare(JSON)
+    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = make_parser().parse_args(argv)
-    simulations, bags = sort_words(options.words)
-    options.report = name_report(options.report, name_sources(simulations), [path.stem for path in find_bags(bags)])
-    inputs = [*map(find_file, simulations), *map(Path, bags), options.signals]
-    require_outputs(options.overwrite, {"--report": options.report}, inputs=inputs)
+    request = make_parser().read(argv)
+    simulations, bags = sort_words(request.words)
+    report = name_report(request.report, name_sources(simulations), [path.stem for path in find_bags(bags)])
+    inputs = [*map(find_file, simulations), *map(Path, bags), request.signals]
+    require_outputs(request.overwrite, {REPORT_FILE: report}, inputs=inputs)
     models = open_models(simulations)
     if len(models) < 2:
         one = f"one model given ({models[0].source})" if models else "no model given"
@@ -41,22 +60,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise CesError(f"{one}{others}; expected at least two models or other simulations; {USAGE}")
     if not bags:
         raise CesError(f"no recording given; {USAGE}")
-    signals = terminal.load_described_signals(options)
+    signals = load_signals(request.signals)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(bags)}
     findings = print_findings(list(recordings.values()))
     models = [read_predictions(model, recordings, signals) for model in models]
     with terminal.err.status("comparing") as status:
-        comparison = compare(models, list(recordings.values()), options.part, announce=status.update)
-    if options.report is not None:
-        comparison_report.write_comparison(options.report, comparison, terminal.command_line("compare", argv))
+        comparison = compare(models, list(recordings.values()), request.part, announce=status.update)
+    if report is not None:
+        comparison_report.write_comparison(report, comparison, terminal.command_line("compare", argv))
         for note in comparison.notes_on_charts():
             terminal.print_warning(note)
-    if options.json:
+    if request.json:
         print_document("compare", {**comparison_report.comparison_document(comparison), "findings": findings})
         return 0
     _print_comparison(comparison)
-    if options.report is not None:
-        print(f"report: {options.report}")
+    if report is not None:
+        print(f"report: {report}")
     return 0
 
 
@@ -129,12 +148,8 @@ class PredictedSimulation(Simulation):
         return self.simulation.force(self.extended[recording.source])
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
-    text = (
-        "simulations to compare (MODEL.json, AUGMENTED.json, RIG.yaml, FILE.fmu, module:function, topic:/name) "
-        "and recordings"
-    )
+def make_parser() -> terminal.Parser[CompareRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "compare",
         "Compare models, or any other simulations, on the same recordings with a measured force: the cost J of each "
@@ -142,7 +157,6 @@ def make_parser() -> terminal.Parser:
         "slow changes, Holm's correction), and what each model is. A recording that a model was identified on is no "
         "test and is marked.",
         "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html",
-        Argument("words", (), text, metavar="SIM|BAG", count="+"),
-        *(SIGNALS, PART, REPORT, JSON, OVERWRITE),
+        CompareRequest,
         intermixed=True,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -11,42 +12,50 @@ from rich.console import Console
 from rich.progress import TextColumn, TimeElapsedColumn
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import ALL, JSON, Argument, never_with
+from ces_cli.terminal.options import ALL, JSON, ProgramRequest, argument, never_with, option
 from ces_cli.terminal.outputs import print_document, require_folder, schema_line
 from ces_cli.terminal.progress import LiveBar
 from ces_identify.numerics.search import SearchResult
-from ces_observer.options import Option
+from ces_observer.records import declare
 from ces_rig.loop.iterate import IterateListener, Iterations
 from ces_rig.loop.plan import TEMPLATE, load_plan
 from ces_rig.loop.rigs import open_rig
 from ces_rig.loop.store import MODEL, PLAN, REPORT, Iteration, keep_plan
 
 
+@dataclass(frozen=True, kw_only=True)
+class IterateRequest(ProgramRequest):
+    """What `ces iterate` is asked for."""
+
+    plan: Path | None = argument(None, "the plan (YAML)", metavar="PLAN", count="?")
+    out: Path | None = option(
+        None, "folder of all experiments, recordings and models", none="the plan's name without .yaml", metavar="DIR"
+    )
+    template: bool = option(False, "print a plan with every key explained and exit")
+    json: bool = declare(JSON)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     parser = make_parser()
-    options = parser.parse_args(argv)
-    if options.template:
+    request = parser.read(argv)
+    if request.template:
         print(schema_line("iterate") + TEMPLATE, end="")
-    elif options.plan is None:
+    elif request.plan is None:
         parser.error("expected PLAN (or --template)")
     else:
-        _iterate(options.plan, options.out or options.plan.with_suffix(""), options.json)
+        _iterate(request.plan, request.out or request.plan.with_suffix(""), request.json)
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
-    out = "folder of all experiments, recordings and models"
+def make_parser() -> terminal.Parser[IterateRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "iterate",
         "Design an experiment inside a rig's limits, run it, score the model on it, identify anew, and so on, until a "
         "target or a budget is reached. Ctrl-C stops at any point; the same command goes on.",
         "ces iterate plan.yaml --out rear_damper",
-        Argument("plan", None, "the plan (YAML)", kind=Path, metavar="PLAN", count="?"),
-        Option("out", None, out, kind=Path, none="the plan's name without .yaml", metavar="DIR"),
-        Option("template", False, "print a plan with every key explained and exit"),
-        JSON,
+        IterateRequest,
         rules=(never_with(ALL, "template", "does not apply with --template", but="template"),),
     )
 
@@ -120,10 +129,10 @@ class IterateProgress(LiveBar, IterateListener):
 def format_iteration(iteration: Iteration) -> str:
     """Return the line of an iteration."""
     fresh = "no model yet" if iteration.fresh_J is None else f"J {iteration.fresh_J:.2f} % on it before it was used"
-    least = max(iteration.regions, key=lambda region: float(region["unknown"]))
+    least = max(iteration.regions, key=lambda region: region.unknown)
     validation = "".join(f", {name} {cost:.2f} %" for name, cost in iteration.validation_J.items())
     return (
         f"{iteration.name}: {iteration.recorded_s:.1f} s recorded ({iteration.total_s:.1f} s in all); {fresh}, "
         f"{iteration.fit_J:.2f} % after the fit{validation}; {100 * iteration.coverage:.0f} % of the states covered; "
-        f"least known: {least['axis']} {least['low']:.3g} to {least['high']:.3g} {least['unit']}"
+        f"least known: {least.axis} {least.low:.3g} to {least.high:.3g} {least.unit}"
     )

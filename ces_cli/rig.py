@@ -2,44 +2,65 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import ALL, JSON, OVERWRITE, RIG_SEED, SIGNALS, Argument, never_with
-from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_cli.terminal.options import (
+    ALL,
+    JSON,
+    OVERWRITE,
+    RIG_SEED,
+    SIGNALS,
+    ProgramRequest,
+    argument,
+    never_with,
+    option,
+)
+from ces_cli.terminal.outputs import OUT, print_document, require_outputs
 from ces_data.bags.writer import recording_topics, write_bag
-from ces_observer.options import Option
+from ces_data.signals_file import load_signals
+from ces_observer.records import declare
 from ces_rig.errors import RigError
 from ces_rig.experiments.virtual import find_experiment, load_experiment, packaged_experiments, run, with_seed
+
+EXPERIMENT = "experiment file (YAML) or the name of a packaged one"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigRequest(ProgramRequest):
+    """What `ces rig` is asked for."""
+
+    experiment: str | None = argument(None, EXPERIMENT, metavar="EXPERIMENT", count="?")
+    out: Path | None = option(None, "bag folder to write", metavar="BAG")
+    seed: int | None = declare(RIG_SEED)
+    signals: Path | None = declare(SIGNALS)
+    json: bool = declare(JSON)
+    overwrite: bool = declare(OVERWRITE)
+    list: bool = option(False, "list the packaged experiments and exit")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     parser = make_parser()
-    options = parser.parse_args(argv)
-    if options.list:
-        _list(options.json)
-    elif options.experiment is None or options.out is None:
+    request = parser.read(argv)
+    if request.list:
+        _list(request.json)
+    elif request.experiment is None or request.out is None:
         parser.error("expected EXPERIMENT and --out BAG (or --list)")
     else:
-        _record(options)
+        _record(request, request.experiment, request.out)
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
+def make_parser() -> terminal.Parser[RigRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "rig",
         "Run an experiment on the virtual dyno rig and write a bag with position, current and force (synthetic data).",
         "ces rig sine_4hz --out sine_4hz",
-        Argument(
-            "experiment", None, "experiment file (YAML) or the name of a packaged one", metavar="EXPERIMENT", count="?"
-        ),
-        Option("out", None, "bag folder to write", kind=Path, metavar="BAG"),
-        *(RIG_SEED, SIGNALS, JSON, OVERWRITE),
-        Option("list", False, "list the packaged experiments and exit"),
+        RigRequest,
         rules=(never_with(ALL, "list", "does not apply with --list", but="list json"),),
     )
 
@@ -58,13 +79,13 @@ def _list(as_json: bool) -> None:
         print(f"{name:<{width}}{settings.duration_s:4.0f} s  {settings.description}")
 
 
-def _record(options: argparse.Namespace) -> None:
-    path = find_experiment(options.experiment)
-    require_outputs(options.overwrite, bags={"--out": options.out}, inputs=[path, options.signals])
+def _record(request: RigRequest, name: str, out: Path) -> None:
+    path = find_experiment(name)
+    require_outputs(request.overwrite, bags={OUT: out}, inputs=[path, request.signals])
     experiment = load_experiment(path)
-    if options.seed is not None:
-        experiment = with_seed(experiment, options.seed)
-    signals = terminal.load_described_signals(options)
+    if request.seed is not None:
+        experiment = with_seed(experiment, request.seed)
+    signals = load_signals(request.signals)
     with terminal.err.status(f"running {experiment.settings.name}"):
         recording = run(experiment)
     topics = recording_topics(recording, signals)
@@ -74,14 +95,14 @@ def _record(options: argparse.Namespace) -> None:
         )
     seed = experiment.settings.seed
     notes = {"ces_rig": f"synthetic: experiment {recording.name}, seed {seed}"}
-    write_bag(options.out, topics, overwrite=options.overwrite, notes=notes)
-    if options.json:
+    write_bag(out, topics, overwrite=request.overwrite, notes=notes)
+    if request.json:
         channels = {
             name: {"unit": one.unit, "samples": len(one), "low": one.values.min(), "high": one.values.max()}
             for name, one in recording.channels.items()
         }
-        print_document("rig", {"experiment": recording.name, "seed": seed, "bag": options.out, "channels": channels})
+        print_document("rig", {"experiment": recording.name, "seed": seed, "bag": out, "channels": channels})
         return
     samples = ", ".join(f"{len(channel)} {name}" for name, channel in recording.channels.items())
     force = recording.channel("force").values
-    print(f"{options.out}: {samples} samples; force {force.min():.0f} to {force.max():.0f} N")
+    print(f"{out}: {samples} samples; force {force.min():.0f} to {force.max():.0f} N")

@@ -22,6 +22,7 @@ from ces_gap.report.gap_json import to_plain_json
 from ces_identify.jobs import DONE, JobResult, Row, run_job
 from ces_identify.simulations.simulation import FunctionSimulation, Simulation
 from ces_observer import __version__
+from ces_observer.errors import OptionName
 
 UNITS = "units"
 OURS = ("ces_observer", "ces_identify", "ces_gap", "ces_rig", "ces_cli")
@@ -108,7 +109,7 @@ def diagnose_unit(job: DiagnosisJob, shared: Sequence[DiagnosisRequest], recordi
         row = {**_row(job, recordings, diagnosis), "seconds": round(time.monotonic() - start, 3)}
         return JobResult(row, {f"{job.output}/{name}": text for name, text in files.items()})
 
-    return run_job(job, run)
+    return run_job(job, run, OptionName.as_flag)  # of `ces diagnose --each`
 
 
 def _row(job: DiagnosisJob, recordings: Sequence[Recording], diagnosis: Diagnosis) -> Row:

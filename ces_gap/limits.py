@@ -156,6 +156,7 @@ class RegionLimits:
     SIGNIFICANT = 0.05  # p-value and false-discovery rate: the convention
     MIN_SHARE, MIN_TICKS = 0.003, 25  # of a region or a field of a map
     FEW_LEVELS = 12  # as many distinct values get a region each
+    MIN_ENERGY_RATIO, MIN_ENERGY_SHARE = 1.2, 0.05  # of one of them: energy over its share of the time, and in total
     HYSTERESIS, MIN_HYSTERESIS_M_S = 0.05, 0.002  # speed that a reversal must exceed: of the speed's RMS, and [m/s]
 
 

@@ -277,5 +277,5 @@ def require_usable(trace: Trace) -> None:
         raise GapError(
             f"{trace.name}: {seconds:.2f} s with position, current, force and a simulated force together; "
             f"expected at least {RecordingLimits.MIN_USABLE_S:g} s; "
-            "check --signals and that the channels overlap in time"
+            "check the signals file and that the channels overlap in time"
         )

@@ -6,11 +6,8 @@ file is. Keyword names are those of the command line. Every mistake of a user is
 
 from __future__ import annotations
 
-import os
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -26,16 +23,12 @@ from ces_identify import identification
 from ces_identify.comparison.compared_models import make_compared_model
 from ces_identify.comparison.comparison import Comparison, compare
 from ces_identify.identification import IdentificationResult
-from ces_identify.numerics.search import Limits, Listener
-from ces_identify.options import list_options
-from ces_identify.polynomial.rules_file import load_rules
-from ces_identify.prepare.cost import parse_weighting
+from ces_identify.numerics.search import Listener
+from ces_identify.options import IdentifyRequest
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import sample_force
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
-from ces_identify.structures import KITS
-from ces_identify.structures.auto import AUTO, BestStructure, default_sizes
-from ces_identify.structures.kit import Fitter, IdentifyOptions, Size
+from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.cost_table import Evaluations
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_observer.errors import CesError
@@ -78,8 +71,8 @@ def identify(
     """Identify a model; neither the fit nor the selection sees the `validation` recordings.
 
     `structure` is a name of `ces identify --structure`, or "auto": the best of several, or a mean. Further names are
-    those of the command line: of IdentifyOptions and Limits (`time`, `terms`, `split`, `delay`, ...), and the sizes of
-    the structure (`units`, `rules`, ...); they count more than `options`. `signals` is the signals file for
+    those of the command line (`time`, `terms`, `split`, `units`, ...), as `IdentifyRequest` has them; they count more
+    than `options`. `signals` is the signals file for
     recordings given as paths. `listener` is called with each improvement. Warns of what looks wrong; raises CesError if
     the recordings hold too little, have seconds in common, or would make a wrong model (sign, units, delays), unless
     `ignore_findings`.
@@ -87,20 +80,20 @@ def identify(
         result = identify("bags/noise", validation="bags/road", time=20)
         result.model.save("model.json")
     """
-    sizes = {name: value for name, value in named.items() if name not in _OPTION_NAMES and name not in _LIMIT_NAMES}
-    fitter = _find_fitter(structure, sizes)
-    how = _with_options(
-        IdentifyOptions() if options is None else options, {name: named[name] for name in named if name not in sizes}
-    )
+    if options is not None and not isinstance(options, IdentifyOptions):
+        raise CesError(f"options: expected IdentifyOptions; got {kind_of(options)}")
+    base = None if options is None else IdentifyRequest.of_settings(options)
+    request = IdentifyRequest.of({"structure": structure, "ignore_findings": ignore_findings, **named}, base)
+    how, fitter = request.options(options), request.fitter()
     given = as_recordings(recordings, signals)
     held_out = as_recordings(validation, signals, required=False)
     require_distinct(given, held_out)
     findings = check_together([*given, *held_out])
-    require_sound(findings, ignore_findings)
+    require_sound(findings, request.ignore_findings)
     for finding in findings:
         warnings.warn(finding.text, stacklevel=2)
     result = identification.identify(given, held_out, how, listener, fitter)
-    return result.require_explained(findings, ignore_findings)
+    return result.require_explained(findings, request.ignore_findings)
 
 
 def validate(
@@ -154,46 +147,6 @@ def simulate_arrays(
 ) -> NDArray[np.float64]:
     """Return the force [N] for arrays of shape (n,), as `simulate`."""
     return sample_force(_as_model(model), make_recording(time_s, position_m, current_A))
-
-
-_LIMIT_NAMES = {field.name for field in fields(Limits)}
-_OPTION_NAMES = {field.name for field in fields(IdentifyOptions)} - {"limits"}
-_OBJECTS = ("weight", "candidates")  # options that may be texts or objects
-
-
-def _with_options(options: IdentifyOptions, named: Mapping[str, Any]) -> IdentifyOptions:
-    """Return the options with the values that were given by name; weights and candidate rules may be texts.
-
-    None leaves a value as it is.
-    """
-    if not isinstance(options, IdentifyOptions):
-        raise CesError(f"options: expected IdentifyOptions; got {kind_of(options)}")
-    values = {name: value for name, value in named.items() if value is not None}
-    for option in list_options():
-        if option.name in values and option.name not in _OBJECTS:
-            option.check(values[option.name])
-    if isinstance(weight := values.get("weight"), str | Sequence):
-        values["weight"] = parse_weighting([weight] if isinstance(weight, str) else weight)
-    if isinstance(rules := values.get("candidates"), str | os.PathLike):
-        values["candidates"] = load_rules(Path(rules), values.get("method", options.limits.method))
-    limits = {name: value for name, value in values.items() if name in _LIMIT_NAMES}
-    own = {name: value for name, value in values.items() if name not in _LIMIT_NAMES}
-    return replace(options, limits=replace(options.limits, **limits), **own)
-
-
-def _find_fitter(structure: str, sizes: Mapping[str, Size]) -> Fitter:
-    """Return the fitter of a structure with the given sizes; raises CesError naming what is unknown."""
-    if structure != AUTO and structure not in KITS:
-        raise CesError(f"structure '{structure}' is unknown; expected one of {', '.join([*KITS, AUTO])}")
-    defaults = default_sizes() if structure == AUTO else {size.name: size.default for size in KITS[structure].sizes}
-    if not sizes.keys() <= defaults.keys():
-        raise CesError(f"structure '{structure}' has no size {', '.join(sizes.keys() - defaults.keys())}")
-    try:
-        return (
-            BestStructure({**defaults, **sizes}) if structure == AUTO else KITS[structure].fitter({**defaults, **sizes})
-        )
-    except ValueError as error:
-        raise CesError(f"structure '{structure}': {error}") from None
 
 
 def _as_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:

@@ -51,7 +51,7 @@ from ces_identify.validation.evaluate import (
     pooled_cost,
 )
 from ces_observer import __version__
-from ces_observer.errors import CesError, RecordingError
+from ces_observer.errors import CesError, OptionName, RecordingError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 
@@ -96,7 +96,8 @@ class IdentificationResult:
         failure = self._describe_failure()
         reasons = [f.text for f in findings if f.signal != "current"] or [UNLIKE_FORCE]
         if failure and not ignore_findings:
-            raise RecordingError(f"{failure}; {reasons[0]}; --ignore-findings keeps such a model")
+            keep = OptionName("ignore_findings", True)
+            raise RecordingError(f"{failure}; {reasons[0]}; ", keep, " keeps such a model")
         forced = [f.text for f in findings if f.severity == WRONG_MODEL] + [failure] * bool(failure)
         if not forced:
             return self
@@ -224,8 +225,9 @@ def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> 
     measured = find_forgetting(model, series, forget_s, run_batch)
     if not (measured.suffices or model.body.keeps_past):
         raise CesError(
-            f"the model does not forget where it was started: {measured.describe()}; --forget {2.0 * forget_s:g} "
-            "allows it more time; or take another structure"
+            f"the model does not forget where it was started: {measured.describe()}; ",
+            OptionName("forget", 2.0 * forget_s),
+            " allows it more time; or take another structure",
         )
     facts = {"forgetting": measured.to_mapping()} if measured.pasts else {}
     return replace(model, certificate={**model.certificate, **facts}, settles_s=measured.settles_s)
@@ -290,13 +292,14 @@ def cross_validate(
 def split_folds(recordings: Sequence[Recording], folds: int) -> list[Fold]:
     """Return the folds: recordings in turn, or stretches of a single one. Raises CesError if there are too few."""
     if folds < 2:
-        raise CesError(f"--folds {folds}: expected at least 2")
+        raise CesError(OptionName("folds", folds), ": expected at least 2")
     if len(recordings) == 1:
         return list(_cut_into_folds(recordings[0], folds))
     if folds > len(recordings):
         raise CesError(
-            f"--folds {folds}: {len(recordings)} recordings; expected at most as many folds (or a single recording, "
-            "which is cut into stretches)"
+            OptionName("folds", folds),
+            f": {len(recordings)} recordings; expected at most as many folds (or a single recording, which is cut into "
+            "stretches)",
         )
     numbered = list(enumerate(recordings))
     return [
@@ -321,8 +324,9 @@ def _cut_into_folds(recording: Recording, folds: int) -> Iterator[Fold]:
     edges = np.linspace(stamps.min(), stamps.max() + 1, folds + 1).round().astype(np.int64).tolist()
     if edges[1] - edges[0] < FoldLimits.MIN_STRETCH_S * 1e9:
         raise CesError(
-            f"--folds {folds}: {recording.name} gives stretches of {(edges[1] - edges[0]) * 1e-9:.2f} s; expected at "
-            f"least {FoldLimits.MIN_STRETCH_S:g} s; use fewer folds"
+            OptionName("folds", folds),
+            f": {recording.name} gives stretches of {(edges[1] - edges[0]) * 1e-9:.2f} s; expected at least "
+            f"{FoldLimits.MIN_STRETCH_S:g} s; use fewer folds",
         )
     for a, b in pairwise(edges):
         kept = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]

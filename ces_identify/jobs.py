@@ -24,7 +24,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, BinaryIO, NoReturn, Protocol, TypeVar
 
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName, Wording
 from ces_observer.json_text import explain_write_errors, write_all_atomically
 
 Row = dict[str, Any]
@@ -56,12 +56,15 @@ class JobResult:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
-def run_job(job: Job, work: Callable[[], JobResult]) -> JobResult:
-    """Return the result of `work`; a CesError makes it `failed` for good, any other error `crashed`, to be repeated."""
+def run_job(job: Job, work: Callable[[], JobResult], wording: Wording) -> JobResult:
+    """Return the result of `work`; a CesError makes it `failed` for good, any other error `crashed`, to be repeated.
+
+    `wording` is how the user who reads the reason writes options.
+    """
     try:
         return work()
     except CesError as error:
-        return failed_job(job, FAILED, str(error))
+        return failed_job(job, FAILED, error.word(wording))
     except Exception as error:  # one job must not stop the others
         logging.getLogger(__name__).exception("%s", job.output)
         return failed_job(job, CRASHED, describe_error(error))
@@ -216,11 +219,12 @@ def run_in_processes(
             yield from pool(joblib.delayed(_run_in_process)(os.getpid(), folder, function, *task) for task in tasks)
         except BrokenProcessPool as error:
             if error.__cause__ is None:
-                text = "died, perhaps short of memory; finished results are kept: run again with fewer --jobs"
-            else:
-                text = str(error.__cause__).strip(' \n"').rpartition("\n")[2]
-                text = f"could not read its task or return its result ({text})"
-            raise CesError(f"a worker process {text}") from None
+                text = (
+                    "a worker process died, perhaps short of memory; finished results are kept: run again with fewer "
+                )
+                raise CesError(text, OptionName("jobs")) from None
+            text = str(error.__cause__).strip(' \n"').rpartition("\n")[2]
+            raise CesError(f"a worker process could not read its task or return its result ({text})") from None
 
 
 def _run_in_process(parent: int, folder: str, function: Callable[..., Result], *arguments: Any) -> Result:

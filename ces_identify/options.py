@@ -1,25 +1,35 @@
-"""The options of an identification, each declared once.
+"""The options of an identification, each declared once, and the request that they make.
 
-The program `ces identify`, the node `identify`, campaigns and the plans of iterations take names, ranges, defaults and
-meanings from here; the sizes of a structure are declared in its kit.
+The program `ces identify`, the node `identify`, scripts, campaigns and the plans of iterations take names, ranges,
+defaults and meanings from here; the sizes of a structure are declared in its kit.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, field, fields, replace
+from functools import reduce
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from ces_identify.numerics.search import GAUSS_NEWTON, METHODS, Limits
-from ces_identify.prepare.cost import FORMS
+from ces_identify.polynomial.candidate_rules import CandidateRules
+from ces_identify.polynomial.constructed import add_blend
+from ces_identify.polynomial.rules_file import load_rules
+from ces_identify.prepare.cost import FORMS, Weighting, parse_weighting
 from ces_identify.prepare.sampling import SPEEDS
 from ces_identify.structures import KITS
-from ces_identify.structures.auto import AUTO
-from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.auto import AUTO, BestStructure, default_sizes
+from ces_identify.structures.kit import Fitter, IdentifyOptions, Size
+from ces_identify.structures.polynomial import POLYNOMIAL
+from ces_observer.errors import CesError, OptionName
+from ces_observer.fields import FieldError
 from ces_observer.limits import FileLimits
 from ces_observer.options import Option, in_group
 
+STRUCTURE = "structure"
 FROM_DATA = "from the data"
 REGIONS = f"{FORMS} [m/s, share of the stroke, A, m]"
 POLYNOMIALS = f"polynomials (--structure polynomial or {AUTO})"
@@ -120,7 +130,7 @@ def structure_option() -> Option:
     """Return the option that chooses the structure of the model."""
     about = ", ".join(f"{name}: {kit.about}" for name, kit in KITS.items())
     text = f"{about}; {AUTO}: the best of several, or a mean of them"
-    return Option("structure", next(iter(KITS)), text, choices=(*KITS, AUTO))
+    return Option(STRUCTURE, next(iter(KITS)), text, choices=(*KITS, AUTO))
 
 
 def list_options() -> tuple[Option, ...]:
@@ -136,9 +146,105 @@ def list_options() -> tuple[Option, ...]:
     )
 
 
-def build_identify_options(values: Mapping[str, Any]) -> IdentifyOptions:
-    """Return the settings of an identification for values by the names of options; it leaves out other names."""
-    given = {name: value for name, value in values.items() if name != TIME.name or value is not None}
-    limits = Limits(**{f.name: given[f.name] for f in fields(Limits) if f.name in given})
-    own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
-    return IdentifyOptions(**{**own, "limits": limits})
+@dataclass(frozen=True)
+class IdentifyRequest:
+    """What model to identify: the options of `ces identify` by their names, with the sizes of structures in `sizes`.
+
+    `candidates` and `weight` may be what they stand for, too. It is what the command line, the node, scripts, campaigns
+    and plans of iterations make of what they are given.
+    """
+
+    structure: str = next(iter(KITS))
+    time: float | None = TIME.default
+    starts: int = STARTS.default
+    seed: int = SEED.default
+    target: float = TARGET.default
+    threads: int | None = THREADS.default
+    certificate: bool = CERTIFICATE.default
+    forget: float = FORGET.default
+    band: bool = BAND.default
+    method: str = METHOD.default
+    terms: int | None = TERMS.default
+    candidates: Path | CandidateRules | None = CANDIDATES.default
+    blend: tuple[str, ...] = BLEND.default
+    split: float | None = SPLIT.default
+    speed: str | None = SPEED.default
+    weight: tuple[str, ...] | Weighting = WEIGHT.default
+    rate: float | None = RATE.default
+    delay: float = DELAY.default
+    ignore_findings: bool = IGNORE_FINDINGS.default
+    sizes: Mapping[str, Size] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any], base: IdentifyRequest | None = None) -> IdentifyRequest:
+        """Return the request for values by the names of options; what is not given, or None, is as in `base`.
+
+        Raises CesError that names the option at fault: its value is wrong, or it does not apply to the structure.
+        """
+        base, options = base or cls(), {one.name: one for one in list_options() if one.name != TEACHER.name}
+        values = {name: _read(options, name, value) for name, value in given.items() if value is not None}
+        structure = values.get(STRUCTURE, base.structure)
+        for name in values:
+            if (only := _structure_of(name)) and structure not in (only, AUTO):
+                chosen = OptionName(STRUCTURE, only)
+                others = f" or {AUTO}, not to {structure}; remove it"
+                raise CesError(OptionName(name), " applies to ", chosen, others)
+        own = {one.name for one in fields(cls)}
+        sizes = {name: value for name, value in values.items() if name not in own}
+        own_values = {name: value for name, value in values.items() if name in own}
+        return replace(base, **own_values, sizes={**base.sizes, **sizes})
+
+    @classmethod
+    def of_settings(cls, settings: IdentifyOptions) -> IdentifyRequest:
+        """Return the request that has these settings."""
+        values = {**vars(settings), **vars(settings.limits)}
+        own = {one.name: values[one.name] for one in fields(cls) if one.name in values}
+        return cls(**{**own, "time": None if settings.limits.time == inf else settings.limits.time})
+
+    def options(self, base: IdentifyOptions | None = None) -> IdentifyOptions:
+        """Return the settings of an identification, with what no option says as in `base`; raises CesError."""
+        base = base or IdentifyOptions()
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        rules = self.candidates
+        if not isinstance(rules, CandidateRules):
+            rules = load_rules(rules, self.method)
+        weight = self.weight if isinstance(self.weight, Weighting) else parse_weighting(self.weight)
+        values |= {"candidates": reduce(add_blend, self.blend, rules), "weight": weight}
+        values |= {"time": inf if self.time is None else self.time, "threads": self.threads or os.cpu_count() or 1}
+        limits = replace(base.limits, **{f.name: values[f.name] for f in fields(Limits) if f.name in values})
+        own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
+        return replace(base, **{**own, "limits": limits})
+
+    @property
+    def all_sizes(self) -> dict[str, Size]:
+        """The sizes of all structures, those that are not given with their defaults."""
+        return {**default_sizes(), **self.sizes}
+
+    def fitter(self) -> Fitter:
+        """Return the fitter of the structure; raises CesError for a size that it cannot have."""
+        try:
+            return (BestStructure if self.structure == AUTO else KITS[self.structure].fitter)(self.all_sizes)
+        except ValueError as error:
+            raise CesError(OptionName(STRUCTURE, self.structure), f": {error}") from None
+
+
+def _read(options: Mapping[str, Option], name: str, value: Any) -> Any:
+    """Return the checked value of an option, a list as a tuple; raises CesError that names the option."""
+    if name not in options:
+        raise CesError(OptionName(name), f" is unknown; known are {', '.join(options)}")
+    if isinstance(value, Weighting | CandidateRules):
+        return value
+    if options[name].many and isinstance(value, str):
+        value = [value]
+    try:
+        read = options[name].read(value)
+    except FieldError as error:
+        raise CesError(OptionName(name), f"{error.place}{error.words}") from None
+    return Path(read) if options[name].kind is Path else read
+
+
+def _structure_of(name: str) -> str:
+    """Return the structure to which alone an option applies, empty if it applies to all."""
+    if name in (METHOD.name, TERMS.name, CANDIDATES.name, BLEND.name):
+        return POLYNOMIAL.option
+    return next((kit.option for kit in KITS.values() if name in {size.name for size in kit.sizes}), "")

@@ -14,7 +14,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from errno import EDQUOT, ENOSPC
+from errno import ENOSPC
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -147,7 +147,7 @@ def explain_write_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        full = error.errno in (ENOSPC, EDQUOT)
+        full = error.errno == ENOSPC
         advice = "free space there and run the same command" if full else "choose a writable folder"
         raise CesError(f"{path}: cannot be written: {error.strerror}; {advice}") from None
 

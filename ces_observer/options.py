@@ -1,7 +1,6 @@
 """An option: a field that a program, a node, a plan and the API share, under one name.
 
-`ces_cli.terminal` makes an argument of it (`--no-band` for `band`), `as_parameter` the parameter of a node, and
-`command_words` turns the values of a node's parameters into a program's command line.
+`ces_cli.terminal` makes an argument of it (`--no-band` for `band`) and `as_parameter` the parameter of a node.
 """
 
 from __future__ import annotations
@@ -76,27 +75,14 @@ def as_parameter(option: Option) -> Option:
     return replace(option, kind=kind, default=unset, choices=choices, meaning=meaning, unit="", low=min(option.low, 0))
 
 
-def command_words(options: Iterable[Option], values: Mapping[str, Any]) -> list[str]:
-    """Return the words of a command line for the values of a node's parameters; defaults are left out.
-
-    The program has the same defaults, and an option that is given must apply.
-    """
-    words = []
+def given_values(options: Iterable[Option], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those values of a node's parameters that are set and differ from the defaults, paths as texts."""
+    given = {}
     for option in options:
         value, unset = values[option.name], as_parameter(option).default
         if value in (unset, ""):
             continue
-        if option.kind is bool:
-            words.append(option.flag)
-        elif option.many:
-            texts = [_as_word(option, one) for one in value if one != ""]
-            words += [option.flag, *texts] if option.together else [f"{option.flag}={text}" for text in texts]
-        else:
-            words.append(f"{option.flag}={_as_word(option, value)}")
-    return words
-
-
-def _as_word(option: Option, value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.17g}"
-    return str(Path(value).expanduser()) if option.kind is Path else str(value)
+        texts = [one for one in value if one != ""] if option.many else [value]
+        texts = [str(Path(one).expanduser()) for one in texts] if option.kind is Path else texts
+        given[option.name] = texts if option.many else texts[0]
+    return given

@@ -25,9 +25,9 @@ import numpy as np
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.random import Generator
-from scipy.signal import butter, sosfilt
 
 from ces_data.arrays import F
+from ces_data.waveforms.sequences import filtered_noise
 from ces_observer.records import quantity
 from ces_rig.errors import RigError
 
@@ -190,10 +190,3 @@ class ServoActuator:
         noise_rms = np.sqrt(2.0 * self.disturbance_Hz / rate * NOISE_BANDWIDTH)
         disturbance = self.disturbance_m / noise_rms * noise * np.minimum(1.0, (time_s - time_s[0]) / FADE_S)
         return np.asarray(self.gain * late + disturbance)
-
-
-def filtered_noise(count: int, rate_Hz: float, order: int, cutoff_Hz: float, lead_s: float, rng: Generator) -> F:
-    """Return white noise (count,) behind a Butterworth low-pass that began `lead_s` earlier."""
-    lead = round(lead_s * rate_Hz)
-    low_pass = butter(order, cutoff_Hz, fs=rate_Hz, output="sos")
-    return np.asarray(sosfilt(low_pass, rng.standard_normal(lead + count))[lead:])

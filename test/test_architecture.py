@@ -30,7 +30,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "damper_observer health control nodes"
     ),
     "ces_data": (
-        "limits arrays compilation recording config_file log_formats units findings samples bags "
+        "limits arrays waveforms compilation recording config_file log_formats units findings samples bags "
         "signals_file logs checks mapping reading tables"
     ),
     "ces_report": ("typesetting table drawing shell figure plot"),
@@ -38,12 +38,12 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "limits jobs numerics schema_files prepare polynomial training physical structures options export "
         "simulations characteristics validation comparison identification report campaign api"
     ),
-    "ces_rig": ("errors drive sensors dampers experiments withheld blind live loop"),
+    "ces_rig": ("errors limits drive sensors dampers experiments withheld blind live loop"),
     "ces_gap": (
         "limits progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
         "calibrate experiment regions diagnosis report pipeline api fleet"
     ),
-    "ces_cli": ("terminal bags blind calibrate compare desk diagnose iterate rig identify schemas schema main"),
+    "ces_cli": ("terminal bags blind_case blind calibrate compare desk diagnose iterate rig identify schema main"),
 }
 ROS = {
     "rclpy",
@@ -65,15 +65,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 141.3,
-    "ces_data": 87.8,
+    "ces_observer": 141.7,
+    "ces_data": 93.7,
     "ces_report": 12.7,
-    "ces_identify": 168.7,
-    "ces_rig": 76.8,
-    "ces_gap": 129.1,
-    "ces_cli": 66.2,
-    "bench": 71.8,
-    "test": 471.9,
+    "ces_identify": 169.1,
+    "ces_rig": 71.9,
+    "ces_gap": 128.5,
+    "ces_cli": 70.6,
+    "bench": 71.7,
+    "test": 464.6,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

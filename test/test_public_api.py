@@ -84,7 +84,7 @@ def test_mistakes_are_one_line(tmp_path):
         (lambda: ces_identify.identify(5), "recordings: expected a recording, a path, or several .* of type int"),
         (lambda: ces_identify.identify(tmp_path / "none"), "none: no such file or folder"),
         (lambda: ces_identify.identify(recording, time="ten"), "time is 'ten'; expected a number from"),
-        (lambda: ces_identify.identify(recording, weight="much"), "--weight 'much': expected"),
+        (lambda: ces_identify.identify(recording, weight="much"), "weight='much': expected"),
         (lambda: ces_identify.identify(recording, delay="late"), "delay is 'late'; expected a number from 0 to 0.02 s"),
         (lambda: ces_identify.identify(recording, delay=(0, 0.003)), "expected a number from 0 to 0.02 s"),
         (lambda: ces_identify.identify(recording, options=5), "options: expected IdentifyOptions"),
@@ -99,10 +99,12 @@ def test_mistakes_are_one_line(tmp_path):
         with pytest.raises(CesError, match=text) as error:
             call()
         assert "\n" not in str(error.value)
-    with pytest.raises(CesError, match="structure 'tree' is unknown; expected one of polynomial, sigmoid, anfis"):
+    with pytest.raises(CesError, match="structure is 'tree'; expected one of polynomial, sigmoid, anfis"):
         ces_identify.identify(recording, structure="tree")
-    with pytest.raises(CesError, match="structure 'sigmoid' has no size leaves"):
+    with pytest.raises(CesError, match="leaves is unknown; known are structure, time, "):
         ces_identify.identify(recording, structure="sigmoid", leaves=3)
+    with pytest.raises(CesError, match="rules applies to structure='anfis' or auto, not to sigmoid; remove it"):
+        ces_identify.identify(recording, structure="sigmoid", rules="2x2")
     with pytest.raises(CesError, match="cannot be read"):
         read_log(tmp_path / "log.csv", mapping=tmp_path / "none.yaml")
 

@@ -56,11 +56,11 @@ class CalibrationCase:
 
 def load_cases(folder: Path, results: Path) -> dict[str, list[CalibrationCase]]:
     """Return the diagnosed cases of a blind test by class of mode, with the seal opened."""
-    labels = {label["case"]: label for label in open_seal(folder)[1]}
+    labels = {label.case: label for label in open_seal(folder).labels}
     cases: dict[str, list[CalibrationCase]] = {}
     for done, mode in find_modes([results], folder):
         paths = sorted(done.glob("*/decision.json"))
-        known = [path.parent for path in paths if mode.references or labels[path.parent.name]["baseline_ratio"] < 1.0]
+        known = [path.parent for path in paths if mode.references or labels[path.parent.name].baseline_ratio < 1.0]
         read = [_load_case(folder, labels[folder.name], mode) for folder in known]
         cases.setdefault(mode.class_name, []).extend(read)
     return cases
@@ -69,10 +69,10 @@ def load_cases(folder: Path, results: Path) -> dict[str, list[CalibrationCase]]:
 def _load_case(case: Path, label: dict[str, Any], mode: Mode) -> CalibrationCase:
     gap, decision = (json.loads((case / name).read_text(encoding="utf-8")) for name in (GAP, DECISION))
     return CalibrationCase(
-        kind=label["kind"],
-        plant=label["plant"],
-        error_in_gap=mode.references == 0 and label["baseline_ratio"] > 0.0,
-        truth=frozenset(effect["name"] for effect in label["effects"]),
+        kind=label.kind,
+        plant=label.plant,
+        error_in_gap=mode.references == 0 and label.baseline_ratio > 0.0,
+        truth=frozenset(effect.name for effect in label.effects),
         figures=VerdictFigures(**decision["figures"]),
         left=_left_by_effect(gap),
         composition=tuple(gap["composition"]["effects"]),

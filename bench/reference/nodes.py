@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from bench.reference.tables import as_text, codes, span, table
-from ces_cli.identify.options import EXIT_WHEN_DONE
+from ces_cli.identify.request import EXIT_WHEN_DONE
 from ces_observer.control.control_loop import KEYS as CONTROLLER_KEYS
 from ces_observer.health.diagnostics import Figure, Figures
 from ces_observer.health.health import KEYS as OBSERVER_KEYS

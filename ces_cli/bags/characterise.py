@@ -3,33 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bags, open_simulation, print_findings, with_predictions
-from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, SIGNALS
-from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.outputs import OUT, print_document, require_outputs
 from ces_data.arrays import F
+from ces_data.signals_file import load_signals
 from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.page import PAGE, peak_table, response_table, work_table, write_characteristics
 from ces_identify.characteristics.rows import Characteristics
 from ces_identify.simulations.simulation import Simulation
-from ces_observer.errors import CesError
-from ces_observer.options import Option
+from ces_observer.errors import CesError, OptionName
+from ces_observer.records import declare
 from ces_report.table import Table
 
+FOLDER = f"folder for the page ({PAGE}) and a CSV file for each table"
 MAX_ROWS = 24  # of a table in the terminal
+
+
+@dataclass(frozen=True, kw_only=True)
+class CharacteriseRequest(ProgramRequest):
+    """What `ces characterise` is asked for."""
+
+    bags: tuple[str, ...] = declare(replace(BAGS, meaning="recordings with a measured force: bags, folders, globs"))
+    model: tuple[str, ...] = option((), HELP, metavar="SIM")
+    signals: Path | None = declare(SIGNALS)
+    out: Path | None = option(None, FOLDER, metavar="DIR")
+    overwrite: bool = declare(OVERWRITE)
+    json: bool = declare(JSON)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = make_parser().parse_args(argv)
-    require_outputs(options.overwrite, folders={"--out": options.out})
-    signals = terminal.load_described_signals(options)
-    simulations = _open_simulations(options.model)
-    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(options.bags)}
+    request = make_parser().read(argv)
+    require_outputs(request.overwrite, folders={OUT: request.out})
+    signals = load_signals(request.signals)
+    simulations = _open_simulations(request.model)
+    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(request.bags)}
     findings = print_findings(list(recordings.values()))
     forces: dict[str, list[F]] = {}
     for name, one in simulations.items():
@@ -37,18 +51,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             forces[name] = [one.force(with_predictions(one, p, r, signals)) for p, r in recordings.items()]
     with terminal.err.status("characterising"):
         results = characterise(list(recordings.values()), simulations=forces)
-    if options.out is not None:
-        page, *tables = write_characteristics(options.out, results, command=terminal.command_line("characterise", argv))
+    if request.out is not None:
+        page, *tables = write_characteristics(request.out, results, command=terminal.command_line("characterise", argv))
         terminal.err.print(f"{page} and {len(tables)} CSV files", highlight=False, soft_wrap=True)
-    if options.json:
+    if request.json:
         print_document("characterise", {**asdict(results), "findings": findings})
     else:
         _print_results(results)
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
+def make_parser() -> terminal.Parser[CharacteriseRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "characterise",
         "Show what a damper dyno shows: force over speed for each current (at the peak speed and continuous), loops, "
@@ -56,11 +70,7 @@ def make_parser() -> terminal.Parser:
         "the same recordings beside them. Sines, triangles and slow sweeps at constant currents give all of it, any "
         "other motion gives quantiles of the force over speed.",
         "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics",
-        replace(BAGS, meaning="recordings with a measured force: bags, folders, globs"),
-        Option("model", (), HELP, metavar="SIM"),
-        SIGNALS,
-        Option("out", None, f"folder for the page ({PAGE}) and a CSV file for each table", kind=Path, metavar="DIR"),
-        *(OVERWRITE, JSON),
+        CharacteriseRequest,
     )
 
 
@@ -68,7 +78,7 @@ def _open_simulations(specs: Sequence[str]) -> dict[str, Simulation]:
     """Return the simulations by short names; raises CesError for one that cannot be opened or is given twice."""
     repeated = {spec for spec in specs if specs.count(spec) > 1}
     if repeated:
-        raise CesError(f"--model {min(repeated)}: given twice; expected each simulation once")
+        raise CesError(OptionName("model", min(repeated)), ": given twice; expected each simulation once")
     short = [Path(spec).stem if Path(spec).suffix in (".json", ".yaml", ".yml", ".fmu") else spec for spec in specs]
     names = [name if short.count(name) == 1 else spec for name, spec in zip(short, specs, strict=True)]
     return {name: open_simulation(spec) for name, spec in zip(names, specs, strict=True)}

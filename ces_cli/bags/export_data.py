@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +11,14 @@ import numpy as np
 from ces_cli.bags.replay import estimate_forces
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bags, print_findings
-from ces_cli.terminal.options import BAGS, OVERWRITE, SIGNALS
-from ces_cli.terminal.outputs import require_outputs
+from ces_cli.terminal.options import BAGS, OVERWRITE, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.outputs import OUT, require_outputs
 from ces_data.recording import Channel, Recording
+from ces_data.signals_file import load_signals
 from ces_data.tables import FORMATS, require_writer, tabulate, write_table
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Model, load_model
-from ces_observer.options import Option
+from ces_observer.records import declare
 
 SUFFIXES = {".csv": "csv", ".parquet": "parquet", ".pq": "parquet"}
 ESTIMATES = (  # column of the estimator's rows, name and unit
@@ -28,20 +29,34 @@ ESTIMATES = (  # column of the estimator's rows, name and unit
 )
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExportDataRequest(ProgramRequest):
+    """What `ces export-data` is asked for."""
+
+    bags: tuple[str, ...] = declare(BAGS)
+    out: Path = option(meaning="FILE.csv, FILE.parquet, or a folder, which gets a file for each bag", metavar="FILE")
+    format: str | None = option(None, "of the files in a folder", choices=FORMATS, none="csv")
+    model: Path | None = option(
+        None, "add the speed and force that a model estimates, and the bounds of its band", metavar="MODEL.json"
+    )
+    signals: Path | None = declare(SIGNALS)
+    overwrite: bool = declare(OVERWRITE)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError before any work if an output cannot be written."""
-    options = make_parser().parse_args(argv)
-    bags = find_bags(options.bags)
-    targets = _targets(bags, options)
+    request = make_parser().read(argv)
+    bags = find_bags(request.bags)
+    targets = list_targets(bags, request.out, request.format)
     for path, kind in targets:
         require_writer(path, kind)
-        if path == options.out or options.out.is_dir():
-            inputs = [*bags, options.model, options.signals]
-            require_outputs(options.overwrite, {"--out": path}, inputs=inputs)
+        if path == request.out or request.out.is_dir():
+            inputs = [*bags, request.model, request.signals]
+            require_outputs(request.overwrite, {OUT: path}, inputs=inputs)
         else:
-            require_outputs(options.overwrite, folders={"--out": options.out})
-    signals = terminal.load_described_signals(options)
-    model = load_model(options.model) if options.model else None
+            require_outputs(request.overwrite, folders={OUT: request.out})
+    signals = load_signals(request.signals)
+    model = load_model(request.model) if request.model else None
     for bag, (path, kind) in zip(bags, targets, strict=True):
         recording = terminal.read_one(bag, signals, ("position",))
         print_findings([recording])
@@ -52,10 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
-    out = "FILE.csv, FILE.parquet, or a folder, which gets a file for each bag"
-    model = "add the speed and force that a model estimates, and the bounds of its band"
+def make_parser() -> terminal.Parser[ExportDataRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "export-data",
         "Write recordings as CSV or Parquet, in SI units, which the names of the columns state (position_m, force_N). "
@@ -64,31 +77,27 @@ def make_parser() -> terminal.Parser:
         "the first row.",
         "ces export-data bags/road --out road.csv\n"
         "  ces export-data bags/road bags/sweep --out tables --format parquet --model model.json",
-        BAGS,
-        Option("out", meaning=out, kind=Path, metavar="FILE"),
-        Option("format", None, "of the files in a folder", choices=FORMATS, none="csv"),
-        Option("model", None, model, kind=Path, metavar="MODEL.json"),
-        *(SIGNALS, OVERWRITE),
+        ExportDataRequest,
     )
 
 
-def _targets(bags: Sequence[Path], options: Namespace) -> list[tuple[Path, str]]:
+def list_targets(bags: Sequence[Path], out: Path, form: str | None) -> list[tuple[Path, str]]:
     """Return path and format of the file for each bag; raises CesError if they do not fit each other."""
-    out: Path = options.out
     kind = SUFFIXES.get(out.suffix.lower())
     if kind is not None and not out.is_dir():
         if len(bags) > 1:
-            raise CesError(f"--out {out}: {len(bags)} bags need a folder, which gets a file for each")
-        if options.format not in (None, kind):
-            raise CesError(f"--out {out}: is a {kind} file by its name; omit --format, or give a folder")
+            raise CesError(OptionName("out", out), f": {len(bags)} bags need a folder, which gets a file for each")
+        if form not in (None, kind):
+            remedy = OptionName("format"), ", or give a folder"
+            raise CesError(OptionName("out", out), f": is a {kind} file by its name; omit ", *remedy)
         return [(out, kind)]
     if out.is_file() or (out.suffix and not out.is_dir()):
-        raise CesError(f"--out {out}: expected a name that ends in {', '.join(SUFFIXES)}, or a folder")
+        raise CesError(OptionName("out", out), f": expected a name that ends in {', '.join(SUFFIXES)}, or a folder")
     names = [bag.name if bag.is_dir() else bag.stem for bag in bags]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise CesError(f"{names.count(twice)} bags are named '{twice}' and would give the same file; export them apart")
-    chosen = options.format or FORMATS[0]
+    chosen = form or FORMATS[0]
     return [(out / f"{name}.{chosen}", chosen) for name in names]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from argparse import Namespace
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
@@ -12,8 +11,17 @@ from pathlib import Path
 
 from ces_cli.bags.signals import print_proposal
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import ALL, JSON, OVERWRITE, SIGNALS, Argument, never_with
-from ces_cli.terminal.outputs import print_document, require_outputs, schema_line, without_text
+from ces_cli.terminal.options import (
+    ALL,
+    JSON,
+    OVERWRITE,
+    SIGNALS,
+    ProgramRequest,
+    argument,
+    never_with,
+    option,
+)
+from ces_cli.terminal.outputs import OUT, print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import FileProgress
 from ces_data.bags.storage import ALONE, MEASURED, SPEED
 from ces_data.bags.writer import open_bag_writer, recording_topics
@@ -27,44 +35,61 @@ from ces_data.logs.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
 from ces_data.mapping.proposals import MappingProposal, propose_mapping, split_damper
 from ces_data.recording import Recording
 from ces_data.samples import INTEGRATED, align_speed, velocity_beside
+from ces_data.signals_file import load_signals
 from ces_observer.errors import RecordingError, SignalsError
-from ces_observer.options import Option
+from ces_observer.records import declare
 from ces_observer.signals import Signal, Signals
+
+LOGS = "log: " + ", ".join(" ".join(suffixes) for suffixes in LOG_FORMATS.values())
+LOGS += "; FILE#NAME for one of several dampers in it"
+MAPPING = "mapping of columns to signals; examples are in share/ces_observer/config/import"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportRequest(ProgramRequest):
+    """What `ces import` is asked for."""
+
+    files: tuple[Path, ...] = argument((), LOGS, metavar="FILE", count="*")
+    mapping: Path | None = option(None, MAPPING, none="found, and said", metavar="MAP.yaml")
+    out: Path | None = option(None, "bag to write, or folder for several", metavar="BAG")
+    signals: Path | None = declare(SIGNALS)
+    overwrite: bool = declare(OVERWRITE)
+    json: bool = declare(JSON)
+    propose: bool = option(False, "print a mapping for FILE with reasons, and exit")
+    rate: float | None = option(None, "rate of a log without a time column (no --mapping)", 1e-3, 1e6, metavar="HZ")
+    dbc: tuple[Path, ...] = option((), "database of a CAN log (no --mapping)", metavar="FILE")
+    template: bool = option(False, "print a commented mapping file and exit")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError; writes no bag unless all files can be read."""
     parser = make_parser()
-    options = parser.parse_args(argv)
-    if options.template:
+    request = parser.read(argv)
+    if request.template:
         print(schema_line("import") + TEMPLATE, end="")
         return 0
-    for path in options.files:
+    for path in request.files:
         refuse_bag(path)
-    if options.propose and len(options.files) == 1 and options.out is None and options.mapping is None:
-        _propose(options.files[0], options)
+    if request.propose and len(request.files) == 1 and request.out is None and request.mapping is None:
+        _propose(request.files[0], request)
         return 0
-    if options.propose:
+    if request.propose:
         parser.error("--propose takes one FILE and prints its mapping: ces import FILE --propose > my.yaml")
-    if not options.files or options.out is None:
+    if not request.files or request.out is None:
         parser.error("expected FILE and --out BAG, or FILE and --propose (writes a mapping), or --template")
-    if options.mapping and (named := [path for path in options.files if split_damper(path)[1]]):
+    if request.mapping and (named := [path for path in request.files if split_damper(path)[1]]):
         parser.error(f"with --mapping, which names the columns of a damper, expected {split_damper(named[0])[0]}")
-    if options.mapping is not None and (options.rate or options.dbc):
-        parser.error(f"with --mapping, give 'rate' and 'dbc' in {options.mapping}")
-    with without_text(options.json):
-        bags = _import(options)
-    if options.json:
+    if request.mapping is not None and (request.rate or request.dbc):
+        parser.error(f"with --mapping, give 'rate' and 'dbc' in {request.mapping}")
+    with without_text(request.json):
+        bags = _import(request, request.out)
+    if request.json:
         print_document("import", {"bags": [log.as_json() for log in bags]})
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
-    kinds = "log: " + ", ".join(" ".join(suffixes) for suffixes in LOG_FORMATS.values())
-    kinds += "; FILE#NAME for one of several dampers in it"
-    text = "mapping of columns to signals; examples are in share/ces_observer/config/import"
-    rate = "rate of a log without a time column (no --mapping)"
+def make_parser() -> terminal.Parser[ImportRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "import",
         "Convert logs to bags. Without --mapping, the columns are found by their names, units and numbers, and what "
@@ -74,14 +99,7 @@ def make_parser() -> terminal.Parser:
         "ces import my_log.csv --out recording\n"
         "  ces import my_log.csv --propose > my_dyno.yaml\n"
         "  ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings",
-        Argument("files", (), kinds, kind=Path, metavar="FILE", count="*"),
-        Option("mapping", None, text, kind=Path, none="found, and said", metavar="MAP.yaml"),
-        Option("out", None, "bag to write, or folder for several", kind=Path, metavar="BAG"),
-        *(SIGNALS, OVERWRITE, JSON),
-        Option("propose", False, "print a mapping for FILE with reasons, and exit"),
-        Option("rate", None, rate, 1e-3, 1e6, kind=float, metavar="HZ"),
-        Option("dbc", (), "database of a CAN log (no --mapping)", kind=Path, metavar="FILE"),
-        Option("template", False, "print a commented mapping file and exit"),
+        ImportRequest,
         rules=(
             never_with(ALL, "template", "does not apply with --template", but="template"),
             never_with("json overwrite signals", "propose", "does not apply with --propose, which prints a mapping"),
@@ -89,18 +107,18 @@ def make_parser() -> terminal.Parser:
     )
 
 
-def _propose(path: Path, options: Namespace) -> None:
+def _propose(path: Path, request: ImportRequest) -> None:
     """Print the proposal for one log; what it says is explained on the error stream."""
     with FileProgress("reading", path) as bar:
-        proposal = _find_mapping(path, options, bar)
+        proposal = _find_mapping(path, request, bar)
     print(schema_line("import") + proposal.text, end="")
     print_proposal(proposal.selection, terminal.err)
     for note in proposal.log.notes:
         terminal.print_line(f"{path}: {note}", console=terminal.err)
 
 
-def _find_mapping(path: Path, options: Namespace, bar: FileProgress) -> MappingProposal:
-    return propose_mapping(path, rate=options.rate, dbc=options.dbc, progress=bar.listen)
+def _find_mapping(path: Path, request: ImportRequest, bar: FileProgress) -> MappingProposal:
+    return propose_mapping(path, rate=request.rate, dbc=request.dbc, progress=bar.listen)
 
 
 @dataclass(frozen=True)
@@ -121,31 +139,31 @@ class _ImportedLog:
         return {**facts, "channels": self.channels, "findings": self.findings}
 
 
-def _import(options: Namespace) -> list[_ImportedLog]:
+def _import(request: ImportRequest, out: Path) -> list[_ImportedLog]:
     """Import all files; their bags get their names when all are written. Raises CesError."""
-    mapping = load_dyno_mapping(options.mapping) if options.mapping else None
-    signals = terminal.load_described_signals(options)
+    mapping = load_dyno_mapping(request.mapping) if request.mapping else None
+    signals = load_signals(request.signals)
     for signal in signals.list_topic_signals():
         if (signal.scale, signal.offset) != (1.0, 0.0):
             raise SignalsError(
-                f"{options.signals}: {signal.name} has scale {signal.scale:g} and offset {signal.offset:g}; an "
+                f"{request.signals}: {signal.name} has scale {signal.scale:g} and offset {signal.offset:g}; an "
                 "imported bag is in SI units: give the log's scale in "
-                f"{options.mapping or 'the mapping (--mapping)'}, and none here"
+                f"{request.mapping or 'the mapping (--mapping)'}, and none here"
             )
-    stems = ["_".join(filter(None, (path.stem, damper))) for path, damper in map(split_damper, options.files)]
+    stems = ["_".join(filter(None, (path.stem, damper))) for path, damper in map(split_damper, request.files)]
     stem, count = Counter(stems).most_common(1)[0]
-    several = len(options.files) > 1
+    several = len(request.files) > 1
     if count > 1:
         raise RecordingError(f"{count} files are named '{stem}' and would give the same bag; import them one by one")
-    bags = [options.out / stem if several else options.out for stem in stems]
+    bags = [out / stem if several else out for stem in stems]
     for bag in bags:
-        inputs = [*(split_damper(path)[0] for path in options.files), options.mapping, options.signals]
-        require_outputs(options.overwrite, bags={"--out": bag}, inputs=inputs)
+        inputs = [*(split_damper(path)[0] for path in request.files), request.mapping, request.signals]
+        require_outputs(request.overwrite, bags={OUT: bag}, inputs=inputs)
     with ExitStack() as opened:
-        if several and not options.out.exists():
-            opened.callback(_remove_if_empty, options.out)
-        pairs = zip(options.files, bags, strict=True)
-        imported = [_convert(path, bag, mapping, signals, options, opened) for path, bag in pairs]
+        if several and not out.exists():
+            opened.callback(_remove_if_empty, out)
+        pairs = zip(request.files, bags, strict=True)
+        imported = [_convert(path, bag, mapping, signals, request, opened) for path, bag in pairs]
     for log in imported:
         print(f"{log.bag}: {log.samples} samples of {', '.join(log.written)} at {log.rate_Hz:.1f} Hz")
     return imported
@@ -157,13 +175,13 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 def _convert(
-    path: Path, bag: Path, mapping: DynoMapping | None, signals: Signals, options: Namespace, opened: ExitStack
+    path: Path, bag: Path, mapping: DynoMapping | None, signals: Signals, request: ImportRequest, opened: ExitStack
 ) -> _ImportedLog:
     """Write a log into a bag, block by block, with the mapping or one that is found; what is wrong is printed."""
     checks, writer, proposal = BlockChecks(), None, None
     with FileProgress("importing", path) as bar:
         if mapping is None:
-            proposal = _find_mapping(path, options, bar)
+            proposal = _find_mapping(path, request, bar)
             log, blocks = proposal.log, proposal.blocks()
         else:
             log = open_log(path, mapping, bar.listen)
@@ -178,7 +196,7 @@ def _convert(
                 if beside is not None and "speed" in block.channels:
                     signals = replace(signals, by_name={**signals.by_name, "speed": beside})
                     notes[SPEED] = MEASURED if "speed" in block.optional else ALONE
-                writer = opened.enter_context(open_bag_writer(bag, overwrite=options.overwrite, notes=notes))
+                writer = opened.enter_context(open_bag_writer(bag, overwrite=request.overwrite, notes=notes))
             writer.write(recording_topics(align_speed(block), signals.without_delays()))
             checks.add(block)
             bar.rows = checks.samples
@@ -195,7 +213,7 @@ def _convert(
     for remark in proposal.remarks if proposal else ():
         terminal.print_warning(f"{path}: {remark}; taken as logged")
     for finding in faults:  # the remedy is in the mapping; a delay stays in the signals file that later programs read
-        corrected = finding.text.replace("the signals file", str(options.mapping or "a mapping (--propose writes one)"))
+        corrected = finding.text.replace("the signals file", str(request.mapping or "a mapping (--propose writes one)"))
         terminal.print_warning(f"{source}: {finding.text if isinstance(finding, DelayFinding) else corrected}")
     written = tuple(name for name in channels if isinstance(signals.by_name.get(name), Signal))
     for name in set(channels) - set(written):

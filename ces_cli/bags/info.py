@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bags
-from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, SIGNALS
+from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, SIGNALS, ProgramRequest
 from ces_cli.terminal.outputs import print_document
 from ces_cli.terminal.results import terminal_picture
 from ces_data.bags.reader import list_topics, read_recording
@@ -21,7 +21,9 @@ from ces_data.checks.check import find_all_faults
 from ces_data.findings import ERROR, WARNING, WRONG_MODEL, Finding
 from ces_data.recording import Recording
 from ces_data.samples import ChannelStats, Coverage, channel_stats, coverage
+from ces_data.signals_file import load_signals
 from ces_observer.errors import RecordingError
+from ces_observer.records import declare
 from ces_observer.signals import UNITS, Signal, Signals
 from ces_report.table import text_table
 
@@ -39,14 +41,23 @@ class BagReport:
     findings: tuple[Finding, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
+class InfoRequest(ProgramRequest):
+    """What `ces info` is asked for."""
+
+    bags: tuple[str, ...] = declare(replace(BAGS, meaning=f"recordings: {BAGS_FORM}"))
+    signals: Path | None = declare(SIGNALS)
+    json: bool = declare(JSON)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError, after the report if a bag cannot be used."""
-    options = make_parser().parse_args(argv)
-    paths = find_bags(options.bags)
-    signals = terminal.load_described_signals(options)
+    request = make_parser().read(argv)
+    paths = find_bags(request.bags)
+    signals = load_signals(request.signals)
     reports = [_inspect_bag(path, signals) for path in paths]
     covered = coverage([report.recording for report in reports])
-    if options.json:
+    if request.json:
         print_document("info", _as_json(reports, covered))
     else:
         _print_report(reports, covered, signals)
@@ -57,16 +68,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
+def make_parser() -> terminal.Parser[InfoRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "info",
         "Inspect recordings: signals, rate, jitter, gaps, ranges in SI units, faults, and the distribution of time "
         "over speed and current. The exit status is 2 if a recording cannot be used.",
         "ces info bags/sweep bags/noise",
-        replace(BAGS, meaning=f"recordings: {BAGS_FORM}"),
-        SIGNALS,
-        JSON,
+        InfoRequest,
     )
 
 

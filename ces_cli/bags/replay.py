@@ -13,16 +13,17 @@ from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bag
-from ces_cli.terminal.options import JSON, MODEL, ONE_BAG, OVERWRITE, SIGNALS
-from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_cli.terminal.options import JSON, MODEL, ONE_BAG, OVERWRITE, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.outputs import OUT, print_document, require_outputs
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
 from ces_identify.prepare.series import hold_current, hold_motion
 from ces_identify.validation.evaluate import describe_held, describe_outside, find_outside
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model
-from ces_observer.options import Option
 from ces_observer.reasons import OK
+from ces_observer.records import declare
 from ces_observer.signals import Signal
 
 ESTIMATE_TOPIC, DELAYED_TOPIC = "/observer/estimate", "/observer/estimate_delayed"
@@ -30,13 +31,25 @@ TYPE = "sensor_msgs/msg/JointState"
 KEYS = ("position", "velocity", "effort")
 
 
+@dataclass(frozen=True, kw_only=True)
+class ReplayRequest(ProgramRequest):
+    """What `ces replay` is asked for."""
+
+    model: Path = declare(MODEL)
+    bag: str = declare(ONE_BAG)
+    signals: Path | None = declare(SIGNALS)
+    out: Path = option(meaning="bag folder to write", metavar="BAG2")
+    json: bool = declare(JSON)
+    overwrite: bool = declare(OVERWRITE)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = make_parser().parse_args(argv)
-    path = find_bag(options.bag)
-    require_outputs(options.overwrite, bags={"--out": options.out}, inputs=[options.model, path, options.signals])
-    signals = terminal.load_described_signals(options)
-    model = load_model(options.model)
+    request = make_parser().read(argv)
+    path = find_bag(request.bag)
+    require_outputs(request.overwrite, bags={OUT: request.out}, inputs=[request.model, path, request.signals])
+    signals = load_signals(request.signals)
+    model = load_model(request.model)
     recording = terminal.read_one(path, signals)
     with terminal.err.status(f"replaying {recording.name}"):
         replayed = estimate_forces(model, recording)
@@ -49,11 +62,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         if model.band is not None:
             bounds = {f"effort[{joint}_lower]": 4, f"effort[{joint}_upper]": 5}
             topics.append(_joint_states(f"{topic}_band", replayed.rows, bounds))
-        write_bag(options.out, topics, overwrite=options.overwrite, notes={"model_sha256": model.digest()})
+        write_bag(request.out, topics, overwrite=request.overwrite, notes={"model_sha256": model.digest()})
     samples, reasons = len(recording.channel("position")), dict(replayed.reasons.most_common())
-    if options.json:
+    if request.json:
         force = [float(row[3]) for row in replayed.rows]
-        facts = {"recording": recording.name, "bag": options.out, "position_samples": samples}
+        facts = {"recording": recording.name, "bag": request.out, "position_samples": samples}
         facts |= {"delay_s": model.sampling.delay_s, "estimates": len(force), "withheld": reasons}
         print_document("replay", facts | {"force_N": [min(force), max(force)] if force else None})
         return 0
@@ -63,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"  withheld {count}: {reason}")
     if len(replayed.rows):
         _warn_outside(model, recording, replayed.rows)
-    print(f"bag: {options.out}")
+    print(f"bag: {request.out}")
     return 0
 
 
@@ -119,15 +132,13 @@ def _joint_states(topic: str, rows: NDArray[np.float64], columns: Mapping[str, i
     return TopicData(topic, TYPE, rows[:, 0].astype(np.int64), values)
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
+def make_parser() -> terminal.Parser[ReplayRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "replay",
         "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "
         f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort; {DELAYED_TOPIC}: the same of "
         "a model with a delay; with _band: their bounds, if the model has a band).",
         "ces replay model.json bags/road --out out/road_replayed",
-        *(MODEL, ONE_BAG, SIGNALS),
-        Option("out", meaning="bag folder to write", kind=Path, metavar="BAG2"),
-        *(JSON, OVERWRITE),
+        ReplayRequest,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,58 +11,66 @@ from rich.console import Console
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bags
-from ces_cli.terminal.options import BAGS, JSON, OVERWRITE
-from ces_cli.terminal.outputs import print_document, require_outputs, schema_line
+from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, ProgramRequest, option
+from ces_cli.terminal.outputs import OUT, print_document, require_outputs, schema_line
 from ces_data.mapping.choice import Choice, Selection
 from ces_data.mapping.proposals import describe_scale, propose_signals
 from ces_data.mapping.rating import Rating
 from ces_observer.json_text import write_atomically
-from ces_observer.options import Option
+from ces_observer.records import declare
 from ces_report.table import text_table
 
 MAX_OTHERS = 3
 
 
+@dataclass(frozen=True, kw_only=True)
+class SignalsRequest(ProgramRequest):
+    """What `ces signals` is asked for."""
+
+    bags: tuple[str, ...] = declare(BAGS)
+    out: Path | None = option(None, "signals file to write (YAML)", metavar="FILE")
+    json: bool = declare(JSON)
+    overwrite: bool = declare(OVERWRITE)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError if nothing looks like a signal."""
-    options = make_parser().parse_args(argv)
-    require_outputs(options.overwrite, {"--out": options.out})
-    paths = find_bags(options.bags)
+    request = make_parser().read(argv)
+    require_outputs(request.overwrite, {OUT: request.out})
+    paths = find_bags(request.bags)
     with terminal.err.status("reading all topics"):
         proposal = propose_signals(paths)
     text = schema_line("signals") + proposal.text
-    if options.out:
-        write_atomically(options.out, text)
-    if options.json:
+    if request.out:
+        write_atomically(request.out, text)
+    if request.json:
         chosen = proposal.selection
         facts = {"dampers": list(chosen.names), "signals": proposal_rows(chosen), "checks": list(chosen.checks)}
         print_document("signals", {**facts, "not_examined": proposal.skipped})
-    elif options.out is None:
+    elif request.out is None:
         print(text, end="")
     print_proposal(
-        proposal.selection, terminal.err if options.json or options.out is None else terminal.out, proposal.skipped
+        proposal.selection, terminal.err if request.json or request.out is None else terminal.out, proposal.skipped
     )
-    if options.out:
-        example = f"{options.out}#{proposal.selection.names[0]}" if proposal.selection.names else f"{options.out}"
+    if request.out:
+        example = f"{request.out}#{proposal.selection.names[0]}" if proposal.selection.names else f"{request.out}"
         missing = " and ".join(dict.fromkeys(choice.signal for choice in proposal.selection.missing))
         by_hand = f"complete {example} by hand: nothing was found for {missing} (its comments say why)"
-        terminal.print_line(f"signals: {options.out}", console=terminal.err)
+        terminal.print_line(f"signals: {request.out}", console=terminal.err)
         step = by_hand if missing else f"ces info {paths[0]} --signals '{example}'"
         terminal.print_line(f"next:    {step}", console=terminal.err)
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
+def make_parser() -> terminal.Parser[SignalsRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "signals",
         "Propose a signals file from the topics that bags hold: which field is position, current and force, in which "
         "unit and with which sign, with the reason for each guess, and with what could not be known. Without --out the "
         "file goes to the standard output. Several bags have to have the same topics.",
         "ces signals bags/noise --out my_signals.yaml",
-        BAGS,
-        Option("out", None, "signals file to write (YAML)", kind=Path, metavar="FILE"),
-        *(JSON, OVERWRITE),
+        SignalsRequest,
     )
 
 

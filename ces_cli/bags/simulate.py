@@ -3,29 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bag, find_file, open_simulation, with_predictions
-from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, SIGNALS
-from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.outputs import OUT, print_document, require_outputs
+from ces_data.signals_file import load_signals
 from ces_identify.simulations.simulate import sample_run
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.validation.evaluate import describe_held
 from ces_observer.json_text import write_atomically
-from ces_observer.options import Option
+from ces_observer.records import declare
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateRequest(ProgramRequest):
+    """What `ces simulate` is asked for."""
+
+    bag: str = declare(ONE_BAG)
+    sim: str = option(meaning=HELP, metavar="SIM")
+    signals: Path | None = declare(SIGNALS)
+    out: Path = option(metavar="FILE.csv")
+    overwrite: bool = declare(OVERWRITE)
+    json: bool = declare(JSON)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = make_parser().parse_args(argv)
-    path = find_bag(options.bag)
-    inputs = [path, options.signals, find_file(options.sim)]
-    require_outputs(options.overwrite, {"--out": options.out}, inputs=inputs)
-    signals = terminal.load_described_signals(options)
-    simulation = open_simulation(options.sim)
+    request = make_parser().read(argv)
+    path = find_bag(request.bag)
+    inputs = [path, request.signals, find_file(request.sim)]
+    require_outputs(request.overwrite, {OUT: request.out}, inputs=inputs)
+    signals = load_signals(request.signals)
+    simulation = open_simulation(request.sim)
     recording = terminal.read_one(path, signals)
     with terminal.err.status(f"simulating {recording.name}"):
         inside = simulation.innermost
@@ -37,28 +51,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     if run is not None and (text := describe_held(recording.name, *run.held_at(known))):
         terminal.print_warning(text)
     values = zip(((stamps - stamps[0]) * 1e-9).tolist(), force.tolist(), strict=True)
-    write_atomically(options.out, "time_s,force_N\n" + "".join(f"{time:.9f},{newtons!r}\n" for time, newtons in values))
-    if options.json:
-        facts = {"recording": recording.name, "simulation": options.sim, "csv": options.out, "rows": len(force)}
+    write_atomically(request.out, "time_s,force_N\n" + "".join(f"{time:.9f},{newtons!r}\n" for time, newtons in values))
+    if request.json:
+        facts = {"recording": recording.name, "simulation": request.sim, "csv": request.out, "rows": len(force)}
         facts |= {"rows_without_force": int((~known).sum()), "rows_held": run and int(run.held_at(known)[2].sum())}
         ends = [force[known].min(), force[known].max()] if known.any() else None
         print_document("simulate", {**facts, "force_N": ends})
     else:
-        print(f"{len(force)} rows: {options.out}")
+        print(f"{len(force)} rows: {request.out}")
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
+def make_parser() -> terminal.Parser[SimulateRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "simulate",
         "Run a simulation with the position and current of a recording and write time_s,force_N, one row for each "
         "position sample (nan where the simulation returns no force, such as while an estimator warms up).",
         "ces simulate --sim model.json bags/road --out road.csv",
-        ONE_BAG,
-        Option("sim", meaning=HELP, metavar="SIM"),
-        SIGNALS,
-        Option("out", kind=Path, metavar="FILE.csv"),
-        OVERWRITE,
-        JSON,
+        SimulateRequest,
     )

@@ -6,7 +6,6 @@ The list comes from one walk with limits; facts are kept until a file changes.
 from __future__ import annotations
 
 import os
-import re
 import threading
 import time
 from contextlib import suppress
@@ -21,7 +20,6 @@ MAX_PATH = 1024  # characters of a path in a URL
 MAX_DEPTH, MAX_FILES = 12, 100_000
 FRESH_S, WALKS = 0.5, 5.0  # a list is shown again while it is younger than this, and than so many walks have taken
 SKIPPED = {"node_modules", "__pycache__", "site-packages"}
-NO_ADDRESS = re.compile(r"[\x00-\x1f\x7f\\]")  # characters that no address of a file has
 
 
 class NotServedError(CesError):
@@ -145,23 +143,12 @@ class _Walk:
         if self.files > MAX_FILES or depth > MAX_DEPTH:
             self.cut = True
             return
-        entries = [entry for entry in entries if self._has_address(folder, entry)]
+        entries = [entry for entry in entries if entry.name.isprintable() and "\\" not in entry.name]  # has an address
         if all(entry.name != METADATA for entry in entries):
             for entry in entries:
                 self._visit(folder / entry.name, entry, depth)
         elif folder != self.folder.root:
             self._remember(read_recording, folder, folder / METADATA)
-
-    def _has_address(self, folder: Path, entry: os.DirEntry[str]) -> bool:
-        """Return whether a name can stand in an address; folders and files of ours that have another one are listed."""
-        shown = NO_ADDRESS.sub("\ufffd", os.fsencode(entry.name).decode("utf-8", "replace"))
-        if shown == entry.name:
-            return True
-        if entry.is_dir(follow_symlinks=False) or find_reader(Path(entry.name)) is not None:
-            with suppress(OSError):  # it may be gone by now
-                changed_s = entry.stat(follow_symlinks=False).st_mtime
-                self._add_unreadable(folder / shown, changed_s, "the name is not plain UTF-8 text; rename it")
-        return False
 
     def _add_unreadable(self, path: Path, changed_s: float, problem: str) -> None:
         self.items.append(Item(UNREADABLE, self.folder.relative(path), changed_s, {}, problem))

@@ -15,17 +15,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from html import unescape
-from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ces_observer.errors import CesError
+from ces_observer.json_text import quote
 from ces_observer.model import load_model
 from ces_observer.proof.certificate import summarize
+from ces_observer.records import read_record, record_fields
+from ces_rig.loop.store import Iteration
 
 MAX_JSON_BYTES, MAX_ROWS_BYTES = 8_000_000, 64_000_000
 HEAD_BYTES, METADATA_BYTES = 4096, 200_000
 
+T = TypeVar("T")
 Facts = dict[str, Any]  # also a JSON object
 ItemReader = Callable[[Path], tuple[str, Facts] | None]  # None for files of other programs
 WRONG_CONTENT = (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError)
@@ -180,65 +183,152 @@ def _read_json(path: Path) -> tuple[str, Facts] | None:
     return None
 
 
+@dataclass(frozen=True)
+class ModelFile:
+    """What the list shows of a model file."""
+
+    structure: str
+    certificate: Mapping[str, Any] | None
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """What it shows of a model's ticks."""
+
+    rate_Hz: float
+
+
+@dataclass(frozen=True)
+class ModelCost:
+    """What it shows of a model's cost on a recording."""
+
+    role: str
+    J: float | None
+
+
+@dataclass(frozen=True)
+class KnownRecording:
+    """A recording that a model was identified or validated on."""
+
+    recording: str
+
+
+@dataclass(frozen=True)
+class DiagnosisFile:
+    """What it shows of a diagnosis."""
+
+    sentence: str
+    verdict: str
+
+
+@dataclass(frozen=True)
+class GapSize:
+    """What it shows of a gap."""
+
+    rms_N: float | None
+    cost_J: float | None
+
+
+@dataclass(frozen=True)
+class CampaignRow:
+    """What it shows of a cell of a campaign."""
+
+    status: str
+    structure: str = ""
+    selection_J: float | None = None
+
+
+@dataclass(frozen=True)
+class FleetRow:
+    """What it shows of a unit of a fleet."""
+
+    status: str
+    name: str
+    verdict: str = ""
+
+
+def pick(cls: type[T], content: object, where: str = "content") -> T:
+    """Return those values of a file that are fields of `cls`, checked; raises UnreadableError."""
+    if not isinstance(content, Mapping):
+        raise UnreadableError(f"{where} is {quote(content)}; expected a JSON object")
+    shown: Any = cls  # is hashable, which mypy does not know of a type variable
+    return read_record(
+        cls, {one: content[one] for one in record_fields(shown) if one in content}, where, UnreadableError
+    )
+
+
+def pick_all(cls: type[T], rows: object, where: str) -> list[T]:
+    """Return the same of each object in a list, none for null."""
+    if not isinstance(rows, list | None):
+        raise UnreadableError(f"{where} is {quote(rows)}; expected a list")
+    return [pick(cls, row, f"{where}[{i}]") for i, row in enumerate(rows or ())]
+
+
 def _model_facts(path: Path) -> tuple[str, Facts]:
     content = _read_object(path)
-    provenance = content.get("provenance") or {}
-    costs = provenance.get("cost_J_percent") or []
+    model, provenance = pick(ModelFile, content), content.get("provenance") or {}
+    costs = pick_all(ModelCost, provenance.get("cost_J_percent"), "cost_J_percent")
 
     def mean_J(role: str) -> float | None:
-        values = [value for c in costs if c["role"] == role and (value := number(c["J"])) is not None]
+        values = [cost.J for cost in costs if cost.role == role and cost.J is not None]
         return sum(values) / len(values) if values else None
 
-    structure, certificate = str(content["structure"]).removesuffix("_narx"), content["certificate"]
+    def names_of(role: str) -> list[str]:
+        return [one.recording for one in pick_all(KnownRecording, provenance.get(role), role)]
+
+    structure, certificate = model.structure.removesuffix("_narx"), model.certificate
     # a polynomial's size without the proof of its bounds, which takes milliseconds
     size = f"{len(content['terms'])} terms" if structure == "polynomial" else load_model(path).size
+    proof = "not proved" if certificate is None else summarize(certificate)
     return MODEL, {
         "structure": structure,
         "size": size,
         "summary": f"{structure}, {size}",
         "cost_J": mean_J("validation"),
         "fit_J": mean_J("identification"),
-        "rate_Hz": float(content["sampling"]["rate_Hz"]),
-        "recordings": [str(one["recording"]) for one in provenance.get("identification") or []],
-        "validation": [str(one["recording"]) for one in provenance.get("validation") or []],
-        "certificate": "not proved" if certificate is None else summarize(certificate),
-        "stability": "not proved" if certificate is None else summarize(certificate).partition(":")[0],
+        "rate_Hz": pick(Sampling, content.get("sampling"), "sampling").rate_Hz,
+        "recordings": names_of("identification"),
+        "validation": names_of("validation"),
+        "certificate": proof,
+        "stability": proof.partition(":")[0],
     }
 
 
 def _diagnosis_facts(path: Path) -> tuple[str, Facts]:
     content = _read_object(path)
-    number(content["composition"]["gap_after_N"])
+    diagnosis, gap = pick(DiagnosisFile, content), pick(GapSize, content.get("gap"), "gap")
     return RESULT, {
         "what": "diagnosis",
-        "summary": str(content["sentence"]),
-        "cost_J": number(content["gap"]["cost_J"]),
-        "verdict": str(content["verdict"]).replace("_", " "),
-        "gap N": number(content["gap"]["rms_N"]),
+        "summary": diagnosis.sentence,
+        "cost_J": gap.cost_J,
+        "verdict": diagnosis.verdict.replace("_", " "),
+        "gap N": gap.rms_N,
     }
 
 
-def _campaign_facts(rows: list[Facts]) -> Facts:
-    done = [row for row in rows if row["status"] == DONE]
-    costs = [float(row["selection_J"]) for row in done if row["selection_J"] is not None]
+def _campaign_facts(content: list[Facts]) -> Facts:
+    rows = pick_all(CampaignRow, content, "line")
+    done = [row for row in rows if row.status == DONE]
+    costs = [row.selection_J for row in done if row.selection_J is not None]
     counts = f"{len(done)} models" + (f", {len(rows) - len(done)} failed" if len(done) < len(rows) else "")
-    structures = ", ".join(sorted({str(row["structure"]) for row in done}))
+    structures = ", ".join(sorted({row.structure for row in done}))
     return {"what": "campaign", "summary": f"{counts}: {structures}", "cost_J": min(costs, default=None)}
 
 
-def _fleet_facts(rows: list[Facts]) -> Facts:
-    verdicts = Counter(str(row["verdict"]).replace("_", " ") for row in rows if row["status"] == DONE)
+def _fleet_facts(content: list[Facts]) -> Facts:
+    rows = pick_all(FleetRow, content, "line")
+    verdicts = Counter(row.verdict.replace("_", " ") for row in rows if row.status == DONE)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()) or "none diagnosed"
-    return {"what": "fleet", "summary": f"{len(rows)} units: {counts}", "units": [str(row["name"]) for row in rows]}
+    return {"what": "fleet", "summary": f"{len(rows)} units: {counts}", "units": [row.name for row in rows]}
 
 
-def _iteration_facts(rows: list[Facts]) -> Facts:
-    if not rows:
+def _iteration_facts(content: list[Facts]) -> Facts:
+    if not content:
         return {"what": "iteration", "summary": "no iteration finished yet"}
-    fresh = number(rows[-1]["fresh_J"])
-    cost = "" if fresh is None else f", J {fresh:.2f} % on the last fresh recording"
-    recorded = f"{len(rows)} iterations, {float(rows[-1]['total_s']):.0f} s recorded"
-    return {"what": "iteration", "summary": recorded + cost, "cost_J": fresh}
+    newest = Iteration.from_row(content[-1], Path("line"))
+    cost = "" if newest.fresh_J is None else f", J {newest.fresh_J:.2f} % on the last fresh recording"
+    recorded = f"{len(content)} iterations, {newest.total_s:.0f} s recorded"
+    return {"what": "iteration", "summary": recorded + cost, "cost_J": newest.fresh_J}
 
 
 JSON_FACTS: dict[bytes, Callable[[Path], tuple[str, Facts]]] = {
@@ -250,15 +340,6 @@ ROW_FACTS: dict[str, Callable[[list[Facts]], Facts]] = {
     "fleet.jsonl": _fleet_facts,
     "iterations.jsonl": _iteration_facts,
 }
-
-
-def number(value: object) -> float | None:
-    """Return a finite number, None for null; raises UnreadableError for anything else."""
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise UnreadableError("a value is not a number")
-    return float(value)
 
 
 def _read_head(path: Path, count: int = HEAD_BYTES) -> bytes:

@@ -4,48 +4,134 @@ from __future__ import annotations
 
 import math
 import os
-from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bags, import_from_here, open_simulation, with_predictions
+from ces_cli.terminal.inputs import (
+    HELP,
+    RECORDING,
+    VEHICLE,
+    find_bags,
+    import_from_here,
+    open_simulation,
+    with_predictions,
+)
+from ces_cli.terminal.options import (
+    FIT,
+    HELD_OUT,
+    JOBS,
+    JSON,
+    OVERWRITE,
+    REAL,
+    SIGNALS,
+    ProgramRequest,
+    option,
+)
 from ces_cli.terminal.outputs import make_schemas, print_document, without_text
 from ces_cli.terminal.progress import DiagnoseProgress
 from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
 from ces_gap.api import REPORT, result_files
 from ces_gap.augmented import name_simulation
 from ces_gap.baseline.identified import MODEL, identify_baseline
+from ces_gap.calibrate.parameters import NONE
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, GapRegion, Interval, Where, find_best_other
 from ces_gap.effects.library import user_effect
 from ces_gap.inputs.checks import check_recordings
+from ces_gap.limits import RegionLimits
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
 from ces_gap.report.gap_json import gap_content, shrink_of_ceiling
 from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
+from ces_identify.options import SEED, THREADS
 from ces_identify.simulations.simulation import Simulation
 from ces_identify.structures.auto import AUTO
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_all_atomically
+from ces_observer.records import declare
 from ces_observer.signals import Signals
+from ces_observer.structures import STRUCTURES
 
 COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan"}
 MAX_REGIONS = 3
-MAX_FALSE_DISCOVERY_RATE = 0.05  # of the regions that are printed
-MIN_ENERGY_RATIO, MIN_ENERGY_SHARE = 1.2, 0.05  # a printed region's energy: relative to its share of time, and in total
 OPTIONAL_FILES = (REPORT, "next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
 
 
-def run_diagnosis(options: Namespace, command: str) -> None:
+NAMES = [one.option for one in STRUCTURES.values() if one.is_offered]
+REFERENCE = replace(
+    HELD_OUT,
+    none="",
+    meaning="recordings known to be free of the effect; the simulation's own error is learned from them first",
+)
+FREED = replace(
+    FIT,
+    meaning=f"{FIT.meaning}; {NONE}: all keep their values. With --reference, those that may have changed since",
+    none="all that the simulation declares compete with the effects; with --reference none",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseRequest(ProgramRequest):
+    """What `ces diagnose` is asked for."""
+
+    sim: str | None = option(None, HELP, metavar="SIM")
+    identify: bool = option(
+        False, "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
+    )
+    structure: str | None = option(
+        None,
+        "of the model that --identify fits; auto (default): the lowest cost on held-out parts of the references; "
+        f"or {', '.join(NAMES)}",
+        choices=(AUTO, *NAMES),
+        metavar="NAME",
+    )
+    real: tuple[str, ...] = declare(REAL)
+    held_out: tuple[str, ...] = declare(HELD_OUT)
+    fit: tuple[str, ...] = declare(FREED)
+    reference: tuple[str, ...] = declare(REFERENCE)
+    signals: Path | None = declare(SIGNALS)
+    out: Path = option(meaning="folder to write, created if necessary", metavar="DIR")
+    effects: tuple[str, ...] = option(
+        (),
+        "your own effects in addition to the library's (subclasses of ces_gap.Effect)",
+        metavar="module:Class",
+        together=True,
+    )
+    threads: int | None = declare(
+        replace(THREADS, meaning="default: all processors; with --each, one for each diagnosis", none="")
+    )
+    tolerance: float | None = option(
+        None,
+        "share of the RMS force below which a gap counts as none",
+        0.0,
+        100.0,
+        unit="%",
+        none="1, but at most twice the noise",
+        metavar="PERCENT",
+    )
+    seed: int = declare(replace(SEED, meaning="random seed"))
+    each: str | None = option(
+        None,
+        "one diagnosis for each recording of --real, or for each folder of recordings; the same command continues "
+        "an interrupted run",
+        choices=(RECORDING, VEHICLE),
+    )
+    jobs: int | None = declare(replace(JOBS, group="fleets"))
+    json: bool = declare(JSON)
+    overwrite: bool = declare(OVERWRITE)
+
+
+def run_diagnosis(request: DiagnoseRequest, command: str) -> None:
     """Diagnose --real, write the results to --out and print them; the report states `command`. Raises CesError."""
-    require_one_source(options)
-    how, signals = build_diagnose_options(options, os.cpu_count() or 1), terminal.load_described_signals(options)
-    given = None if options.identify else open_simulation(options.sim)
-    roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
+    require_one_source(request)
+    how, signals = build_diagnose_options(request, os.cpu_count() or 1), load_signals(request.signals)
+    given = None if request.sim is None else open_simulation(request.sim)
+    roles = {"real": request.real, "held_out": request.held_out, "reference": request.reference}
     recordings = {
         role: [read_with_predictions(given, p, signals) for p in find_bags(words, repeated=True)]
         for role, words in roles.items()
@@ -55,19 +141,19 @@ def run_diagnosis(options: Namespace, command: str) -> None:
     for text in doubts:
         terminal.print_warning(text)
     with DiagnoseProgress() as progress:
-        simulation, spec = take_simulation(given, reference, options, how.threads, progress.listen)
+        simulation, spec = take_simulation(given, reference, request, how.threads, progress.listen)
         diagnosis = diagnose(simulation, spec, real, held_out, reference, how, progress.listen)
         diagnosis = replace(diagnosis, notes=(*doubts, *diagnosis.notes))
         progress.listen("writing the report", 1.0)
-        name = name_simulation(spec, options.out)
+        name = name_simulation(spec, request.out)
         files = result_files(diagnosis, name, list(recordings.items()), {"Command": command})
     make_schemas()  # the recipe of the next experiment names its schema
-    problem = write_results(files, options.out)
-    written = [name for name in files if problem is None or (options.out / name).is_file()]
-    with without_text(options.json):
-        print_diagnosis(diagnosis, options.out, written, printed_notes=len(doubts))
-    if options.json:
-        print_document("diagnose", {"folder": options.out, "files": written, "diagnosis": gap_content(diagnosis)})
+    problem = write_results(files, request.out)
+    written = [name for name in files if problem is None or (request.out / name).is_file()]
+    with without_text(request.json):
+        print_diagnosis(diagnosis, request.out, written, printed_notes=len(doubts))
+    if request.json:
+        print_document("diagnose", {"folder": request.out, "files": written, "diagnosis": gap_content(diagnosis)})
     if problem is not None:  # only now: what took minutes is at least shown
         raise problem
 
@@ -90,14 +176,12 @@ def write_results(files: Mapping[str, str], folder: Path) -> CesError | None:
     return None
 
 
-def build_diagnose_options(options: Namespace, threads: int) -> DiagnoseOptions:
+def build_diagnose_options(request: DiagnoseRequest, threads: int) -> DiagnoseOptions:
     """Return the settings of the diagnosis, with the user's own effects; `threads` is the default of --threads."""
     import_from_here()
-    effects = tuple(user_effect(spec) for spec in options.effects)
-    threads, tolerance = options.threads or threads, None if options.tolerance is None else 0.01 * options.tolerance
-    return DiagnoseOptions(
-        effects=effects, threads=threads, seed=options.seed, tolerance=tolerance, fit=tuple(options.fit)
-    )
+    effects = tuple(user_effect(spec) for spec in request.effects)
+    threads, tolerance = request.threads or threads, None if request.tolerance is None else 0.01 * request.tolerance
+    return DiagnoseOptions(effects=effects, threads=threads, seed=request.seed, tolerance=tolerance, fit=request.fit)
 
 
 def read_with_predictions(simulation: Simulation | None, path: Path, signals: Signals) -> Recording:
@@ -106,24 +190,24 @@ def read_with_predictions(simulation: Simulation | None, path: Path, signals: Si
     return recording if simulation is None else with_predictions(simulation, path, recording, signals)
 
 
-def require_one_source(options: Namespace) -> None:
+def require_one_source(request: DiagnoseRequest) -> None:
     """Raise CesError unless the options give a simulation or references to identify one from."""
-    if not options.identify and options.sim is None:
+    if not request.identify and request.sim is None:
         raise CesError("no simulation: give --sim SIM, or --identify with --reference BAG...")
-    if options.identify and not options.reference:
+    if request.identify and not request.reference:
         raise CesError("--identify needs --reference BAG...: recordings free of the effect, from which to identify")
 
 
 def take_simulation(
-    given: Simulation | None, reference: Sequence[Recording], options: Namespace, threads: int, progress: Progress
+    given: Simulation | None, reference: Sequence[Recording], request: DiagnoseRequest, threads: int, progress: Progress
 ) -> tuple[Simulation, str]:
     """Return the simulation and its name: the one `given`, or a model of the references, saved in --out."""
     if given is not None:
-        return given, str(options.sim)
-    structure = options.structure or AUTO
+        return given, str(request.sim)
+    structure = request.structure or AUTO
     baseline = identify_baseline(reference, structure=structure, threads=threads, progress=progress)
-    options.out.mkdir(parents=True, exist_ok=True)
-    saved = baseline.save(options.out / MODEL)
+    request.out.mkdir(parents=True, exist_ok=True)
+    saved = baseline.save(request.out / MODEL)
     return saved, saved.name
 
 
@@ -192,8 +276,8 @@ def _where_lines(label: str, where: Where) -> list[str]:
     regions = [
         r
         for r in where.regions
-        if r.q_value <= MAX_FALSE_DISCOVERY_RATE
-        and r.share_of_energy > max(MIN_ENERGY_RATIO * r.share_of_samples, MIN_ENERGY_SHARE)
+        if r.q_value <= RegionLimits.SIGNIFICANT
+        and r.share_of_energy > max(RegionLimits.MIN_ENERGY_RATIO * r.share_of_samples, RegionLimits.MIN_ENERGY_SHARE)
     ]
     regions.sort(key=lambda r: r.share_of_samples - r.share_of_energy)
     by_axis = {r.axis: r for r in reversed(regions)}

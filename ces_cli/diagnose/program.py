@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import warnings
 from collections.abc import Callable, Sequence
@@ -12,82 +11,30 @@ from pathlib import Path, PurePath
 from ces_cli.diagnose import diagnosis
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import (
-    HELP,
-    RECORDING,
-    VEHICLE,
     FleetUnit,
     find_bags,
     find_fleet_units,
     open_simulation,
     with_predictions,
 )
-from ces_cli.terminal.options import FIT, HELD_OUT, JOBS, JSON, OVERWRITE, REAL, SIGNALS, never_with, only_with
-from ces_cli.terminal.outputs import print_document, require_folder, require_outputs
+from ces_cli.terminal.options import never_with, only_with
+from ces_cli.terminal.outputs import OUT, print_document, require_folder, require_outputs
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
 from ces_data.bags.reader import read_recording
 from ces_data.findings import require_usable
 from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
 from ces_gap.api import result_files
-from ces_gap.calibrate.parameters import NONE
 from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of
 from ces_gap.inputs.checks import is_seen
 from ces_gap.pipeline import diagnose
 from ces_identify.jobs import DONE, FAILED, Row, Task, open_results
-from ces_identify.options import SEED, THREADS
 from ces_identify.simulations.simulation import Simulation
-from ces_identify.structures.auto import AUTO
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
-from ces_observer.options import Option, in_group
 from ces_observer.signals import Signals
-from ces_observer.structures import STRUCTURES
 from ces_report.table import Column, Table, as_csv
 
-NAMES = [one.option for one in STRUCTURES.values() if one.is_offered]
-IDENTIFY = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
-OWN_EFFECTS = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
-NO_GAP = "share of the RMS force below which a gap counts as none"
-OPTIONS = (
-    Option("sim", None, HELP, metavar="SIM"),
-    Option("identify", False, IDENTIFY),
-    Option(
-        "structure",
-        None,
-        "of the model that --identify fits; auto (default): the lowest cost on held-out parts of the references; "
-        f"or {', '.join(NAMES)}",
-        choices=(AUTO, *NAMES),
-        metavar="NAME",
-    ),
-    REAL,
-    HELD_OUT,
-    replace(
-        FIT,
-        meaning=f"{FIT.meaning}; {NONE}: all keep their values. With --reference, those that may have changed since",
-        none="all that the simulation declares compete with the effects; with --reference none",
-    ),
-    replace(
-        HELD_OUT,
-        name="reference",
-        none="",
-        meaning="recordings known to be free of the effect; the simulation's own error is learned from them first",
-    ),
-    SIGNALS,
-    Option("out", meaning="folder to write, created if necessary", kind=Path, metavar="DIR"),
-    Option("effects", (), OWN_EFFECTS, metavar="module:Class", together=True),
-    replace(THREADS, meaning="default: all processors; with --each, one for each diagnosis", none=""),
-    Option(
-        "tolerance", None, NO_GAP, 0.0, 100.0, "%", kind=float, none="1, but at most twice the noise", metavar="PERCENT"
-    ),
-    replace(SEED, meaning="random seed"),
-    Option(
-        "each",
-        None,
-        "one diagnosis for each recording of --real, or for each folder of recordings; the same command continues "
-        "an interrupted run",
-        choices=(RECORDING, VEHICLE),
-    ),
-    *(*in_group("fleets", JOBS), JSON, OVERWRITE),
-)
 RULES = (
     only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
     never_with(
@@ -103,16 +50,16 @@ RULES = (
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = make_parser().parse_args(argv)
-    if options.each is not None:
-        return run_fleet(options)
-    require_outputs(options.overwrite, folders={"--out": options.out})
-    diagnosis.run_diagnosis(options, terminal.command_line("diagnose", argv))
+    request = make_parser().read(argv)
+    if request.each is not None:
+        return run_fleet(request, request.each)
+    require_outputs(request.overwrite, folders={OUT: request.out})
+    diagnosis.run_diagnosis(request, terminal.command_line("diagnose", argv))
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
+def make_parser() -> terminal.Parser[diagnosis.DiagnoseRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "diagnose",
         "Find where a simulation differs from recordings of the real damper, which missing effect is the cause, and "
@@ -121,7 +68,7 @@ def make_parser() -> terminal.Parser:
         "ces diagnose --sim model.json --real worn/* --reference new/* --out gap\n"
         "  ces diagnose --identify --reference new/* --real worn/* --out gap\n"
         "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference new/* --out fleet_gap",
-        *OPTIONS,
+        diagnosis.DiagnoseRequest,
         rules=RULES,
     )
 
@@ -137,38 +84,38 @@ CSV_COLUMNS = (
 )
 
 
-def run_fleet(options: argparse.Namespace) -> int:
+def run_fleet(request: diagnosis.DiagnoseRequest, each: str) -> int:
     """Diagnose every unit of --real; returns the exit status."""
-    diagnosis.require_one_source(options)
-    require_folder(options.out)
-    signals = terminal.load_described_signals(options)
-    units = find_fleet_units(options.real, options.each)
-    given = None if options.identify else open_simulation(options.sim)
-    reference = tuple(diagnosis.read_with_predictions(given, path, signals) for path in find_bags(options.reference))
-    how = diagnosis.build_diagnose_options(options, threads=1)
-    with open_results(options.out / RESULTS, "a fleet") as results:
+    diagnosis.require_one_source(request)
+    require_folder(request.out)
+    signals = load_signals(request.signals)
+    units = find_fleet_units(request.real, each)
+    given = None if request.sim is None else open_simulation(request.sim)
+    reference = tuple(diagnosis.read_with_predictions(given, path, signals) for path in find_bags(request.reference))
+    how = diagnosis.build_diagnose_options(request, threads=1)
+    with open_results(request.out / RESULTS, "a fleet") as results:
         with DiagnoseProgress() as progress:
             simulation, spec = diagnosis.take_simulation(
-                given, reference, options, os.cpu_count() or 1, progress.listen
+                given, reference, request, os.cpu_count() or 1, progress.listen
             )
-        request = DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)
-        jobs, unread = _plan_jobs(units, request, signals, options.out)
+        common = DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)
+        jobs, unread = _plan_jobs(units, common, signals, request.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
         if others := len(results.rows.keys() - {job.key for job in jobs}):
             things = f"{others} results of other recordings or options"
-            terminal.print_warning(f"{options.out}: also holds {things}; they are neither shown nor used")
+            terminal.print_warning(f"{request.out}: also holds {things}; they are neither shown nor used")
         bar, finished = JobsProgress(len(units), len(units) - len(missing), "diagnoses"), True
         if missing:
             tasks = (Task(job, [REQUEST], _read(simulation, unit, signals)) for job, unit in missing.items())
             finished = run_jobs(
-                diagnose_unit, tasks, {REQUEST: request}, how.threads, options, results, bar, describe_diagnosis
+                diagnose_unit, tasks, {REQUEST: common}, how.threads, request.jobs, results, bar, describe_diagnosis
             )
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
-        write_csv(rows, options.out / "fleet.csv")
-    if options.json:
-        print_document("fleet", {"folder": options.out, "planned": len(units), "diagnoses": sort_rows(rows)})
+        write_csv(rows, request.out / "fleet.csv")
+    if request.json:
+        print_document("fleet", {"folder": request.out, "planned": len(units), "diagnoses": sort_rows(rows)})
     else:
-        _print_fleet(rows, options.out)
+        _print_fleet(rows, request.out)
     return report_failures(rows, len(units), finished, "diagnoses", lambda row: str(row["name"]))
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from ces_cli.identify.request import OUT, IdentifyProgramRequest
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import print_warnings, with_distinct_names
 from ces_cli.terminal.options import ALL, never_with, only_with
@@ -43,20 +43,20 @@ CAMPAIGN_RULES = (
 )
 
 
-def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
-    """Run the campaign that --campaign describes; returns the exit status."""
-    folder: Path = options.out
-    if folder == parser.get_default("out"):
+def run_campaign(request: IdentifyProgramRequest, plan: Path) -> int:
+    """Run the campaign that the file `plan` describes; returns the exit status."""
+    folder = request.out
+    if folder == OUT.default:
         raise CesError("--campaign needs a folder for its results; add --out DIR")
     require_folder(folder)
-    campaign = load_campaign(options.campaign)
+    campaign = load_campaign(plan)
     signals = load_signals(campaign.signals)
     read = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
     recordings = with_distinct_names(read)
     findings = check_each(list(recordings.values()))
-    require_sound(findings, options.ignore_findings)
+    require_sound(findings, request.model.ignore_findings)
     print_warnings(findings)
-    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), findings, options.ignore_findings)
+    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), findings, request.model.ignore_findings)
     with open_results(folder / RESULTS, "a campaign") as results:
         missing = [job for job in todo if not results.has(job)]
         finished = True
@@ -65,14 +65,14 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
             threads = max(job.limits.threads for job in missing)
             progress = JobsProgress(len(todo), len(todo) - len(missing), "cells")
             describe = partial(describe_cell, collect_rows(campaign, todo, results))
-            finished = run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, describe)
+            finished = run_jobs(compute_cell, tasks, recordings, threads, request.jobs, results, progress, describe)
         rows = collect_rows(campaign, todo, results)
         planned = Counter(job.cell.bags for job in todo)
-        with without_text(options.json):
+        with without_text(request.json):
             if rows.done:
                 write_csv(rows, folder / "results.csv")
                 _print_results(rows, planned, folder)
-    if options.json:
+    if request.json:
         marks = marks_of(rows)
         best = {name: folder / "models" / f"{row['key']}.json" for name, row in rows.recommended().items()}
         cells = [{**row, "mark": WORDS.get(marks.get(row["key"], ""))} for row in rows.rows]

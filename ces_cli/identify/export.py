@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, OptionRule
-from ces_cli.terminal.outputs import print_document, require_outputs, without_text
+from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, OptionRule, ProgramRequest, option
+from ces_cli.terminal.outputs import OUT, print_document, require_outputs, without_text
 from ces_identify.export import export_model
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model, load_model
-from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate, summarize
+from ces_observer.records import declare
 
 PRINTED = b"Printed from ces_observer/tick/"  # of a common core, which several models in a folder share
 FORMATS = {
@@ -22,18 +22,36 @@ FORMATS = {
     "c": "C99, with its header beside it",
     "fmu": "FMI 2.0 co-simulation",
 }
+FORM = ", ".join(f"FILE.{kind} ({what})" for kind, what in FORMATS.items())
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportRequest(ProgramRequest):
+    """What `ces export` is asked for."""
+
+    model: Path = declare(MODEL)
+    out: Path = option(meaning=FORM, metavar="FILE")
+    format: str | None = option(None, "default: from the suffix of FILE", choices=tuple(FORMATS))
+    name: str | None = option(
+        None, "name of the model, prefix of every identifier in C (default: from FILE)", metavar="NAME"
+    )
+    sources_only: bool = option(False, "write an FMU without a binary; needs no C compiler")
+    allow_uncertified: bool = option(False, "export a model whose stability cannot be proved (unsafe)")
+    json: bool = declare(JSON)
+    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = make_parser().parse_args(argv)
-    kind, out = _kind(options), options.out
-    also = {f"the file {name} of --out": out.with_name(name) for name in _names_beside(out) if kind == "c"}
-    own = {option: path for option, path in also.items() if not _is_shared(path)}
-    outputs = {"--out": out, **own}
-    require_outputs(options.overwrite, outputs, inputs=[options.model])
-    with without_text(options.json):
-        certificate = _export(options, kind)
+    request = make_parser().read(argv)
+    kind, out = _kind(request.out, request.format), request.out
+    outputs: dict[OptionName | str, Path | None] = {OUT: out}
+    for name in _names_beside(out) if kind == "c" else ():
+        if not _is_shared(out.with_name(name)):
+            outputs[f"the file {name} beside it"] = out.with_name(name)
+    require_outputs(request.overwrite, outputs, inputs=[request.model])
+    with without_text(request.json):
+        certificate = _export(request, kind)
         if certificate.holds:
             summary = summarize(certificate.to_mapping())
             bound = "" if "|force|" in summary else f"; {certificate.force_claim}"
@@ -42,15 +60,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             terminal.print_warning(
                 "--allow-uncertified: the stability of this model is not proved; do not use it on a vehicle"
             )
-    if options.json:
+    if request.json:
         facts = {"proved_stable": certificate.holds, "bounds": certificate.bounds}
-        print_document("export", {"model": options.model, "written": out, **facts})
+        print_document("export", {"model": request.model, "written": out, **facts})
     return 0
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
-    p = terminal.parser(
+def make_parser() -> terminal.Parser[ExportRequest]:
+    """Return the parser of the program."""
+    return terminal.parser(
         "export",
         "Write a model as a flat file, which the C++ node of the package ces_observer_cpp loads while it runs; as "
         "C99 for a microcontroller, the numbers of the model with their header and the core, which is the same for "
@@ -62,26 +80,15 @@ def make_parser() -> terminal.Parser:
         "rate.",
         "ces export model.json --out rear_damper.ces\n  ces export model.json --out rear_damper.c\n"
         "  ces export model.json --format fmu --out rear_damper.fmu",
-        MODEL,
+        ExportRequest,
         rules=(
             OptionRule(
                 "sources_only",
-                lambda options: (options.format or options.out.suffix.removeprefix(".")) == "fmu",
+                lambda values: (values["format"] or values["out"].suffix.removeprefix(".")) == "fmu",
                 "applies to an FMU only; remove it",
             ),
         ),
     )
-    form = ", ".join(f"FILE.{kind} ({what})" for kind, what in FORMATS.items())
-    terminal.add_options(
-        p,
-        Option("out", meaning=form, kind=Path, metavar="FILE"),
-        Option("format", None, "default: from the suffix of FILE", choices=tuple(FORMATS)),
-        Option("name", None, "name of the model, prefix of every identifier in C (default: from FILE)", metavar="NAME"),
-        Option("sources_only", False, "write an FMU without a binary; needs no C compiler"),
-        Option("allow_uncertified", False, "export a model whose stability cannot be proved (unsafe)"),
-        *(JSON, OVERWRITE),
-    )
-    return p
 
 
 def _names_beside(out: Path) -> tuple[str, ...]:
@@ -93,13 +100,13 @@ def _is_shared(path: Path) -> bool:
     return path.name in export_model.CORE and path.is_file() and PRINTED in path.read_bytes()
 
 
-def _export(options: argparse.Namespace, kind: str) -> Certificate:
+def _export(request: ExportRequest, kind: str) -> Certificate:
     """Write the file that the options name, and those beside it; return the certificate of the model."""
-    model, out = load_model(options.model), options.out
-    name = options.name or export_model.identifier(out.stem)
+    model, out = load_model(request.model), request.out
+    name = request.name or export_model.identifier(out.stem)
     export_model.require_usable_names(name, out.stem if kind == "c" else name)
-    compiler = export_model.find_compiler() if kind == "fmu" and not options.sources_only else []
-    certificate = _certificate(model, options)
+    compiler = export_model.find_compiler() if kind == "fmu" and not request.sources_only else []
+    certificate = _certificate(model, request)
     files: Mapping[str, str | bytes]
     if kind == "ces":
         files = {out.name: export_model.write_flat(model, name, certificate)}
@@ -119,22 +126,22 @@ def _export(options: argparse.Namespace, kind: str) -> Certificate:
     return certificate
 
 
-def _kind(options: argparse.Namespace) -> str:
-    out: Path = options.out
-    kind = str(options.format or out.suffix.removeprefix("."))
+def _kind(out: Path, form: str | None) -> str:
+    kind = form or out.suffix.removeprefix(".")
     if kind not in FORMATS or out.suffix != f".{kind}":
-        allowed = [f".{name} ({what})" for name, what in FORMATS.items() if options.format in (None, name)]
+        allowed = [f".{name} ({what})" for name, what in FORMATS.items() if form in (None, name)]
         raise CesError(f"{out}: expected a name that ends in {' or '.join(allowed)}")
     return kind
 
 
-def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
+def _certificate(model: Model, request: ExportRequest) -> Certificate:
     """Return the certificate of the model; raises CesError if it does not hold, unless the options allow that."""
     with terminal.err.status("proving stability"):
         certificate = model.certify()
-    if not (certificate.holds or options.allow_uncertified):
+    if not (certificate.holds or request.allow_uncertified):
         raise CesError(
-            f"{options.model}: its stability cannot be proved ({certificate.doubt}); identify it again with a "
-            "certificate, or use --allow-uncertified"
+            f"{request.model}: its stability cannot be proved ({certificate.doubt}); identify it again with a "
+            "certificate, or use ",
+            OptionName("allow_uncertified", True),
         )
     return certificate

@@ -21,8 +21,8 @@ from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
 from ces_cli.identify.process import DONE, EXIT_STATUS, SEARCHING, WARNING, WRITING, IdentifyProcess, SearchState
+from ces_cli.identify.request import EXIT_WHEN_DONE, PARAMETERS, find_given_parameters
 from ces_observer.nodes.executors import START_ERRORS, USER_ERROR, spin_on
 from ces_observer.nodes.outputs import LATCHED
 from ces_observer.nodes.parameters import TableNode, declare_table
@@ -63,7 +63,7 @@ class IdentifyNode(TableNode):
         self._state = SearchState()
         self._published_s = self._logged_s = float("-inf")
         self.create_timer(POLL_S, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._process: IdentifyProcess | None = IdentifyProcess(build_command_line(values))
+        self._process: IdentifyProcess | None = IdentifyProcess(find_given_parameters(values))
 
     def end(self) -> None:
         """End the search if it is running, and wait until subscribers have the last messages."""

@@ -8,7 +8,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import IO, Any
 
@@ -82,10 +83,11 @@ class IdentifyProcess:
     It ends with the node, however the node ends, because its standard input closes then.
     """
 
-    def __init__(self, words: Sequence[str]) -> None:
+    def __init__(self, given: Mapping[str, Any]) -> None:
+        """Begin to identify what the values of options by name ask for."""
         self._messages: SimpleQueue[dict[str, Any]] = SimpleQueue()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", WORKER, *words],
+            [sys.executable, "-m", WORKER],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -94,7 +96,10 @@ class IdentifyProcess:
             errors="replace",
             start_new_session=True,
         )
-        assert self._process.stdout is not None and self._process.stderr is not None
+        assert self._process.stdin and self._process.stdout and self._process.stderr
+        with suppress(BrokenPipeError):  # it has ended; its exit status follows
+            self._process.stdin.write(json.dumps(given) + "\n")
+            self._process.stdin.flush()
         self._warnings = threading.Thread(target=self._read_warnings, args=(self._process.stderr,), daemon=True)
         self._warnings.start()
         threading.Thread(target=self._read_output, args=(self._process.stdout,), daemon=True).start()

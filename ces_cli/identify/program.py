@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial, reduce
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
-from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
+from ces_cli.identify.request import IdentifyProgramRequest
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import (
     find_bags,
@@ -24,8 +22,17 @@ from ces_cli.terminal.inputs import (
     with_distinct_names,
     with_teacher_force,
 )
-from ces_cli.terminal.options import ALL, BAGS, BAGS_FORM, OptionRule, never_with
-from ces_cli.terminal.outputs import name_report, print_document, require_outputs, schema_line, without_text
+from ces_cli.terminal.options import ALL, never_with
+from ces_cli.terminal.outputs import (
+    OUT,
+    OVERWRITE,
+    REPORT,
+    name_report,
+    print_document,
+    require_outputs,
+    schema_line,
+    without_text,
+)
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.results import (
     cost_rows,
@@ -41,6 +48,7 @@ from ces_data.checks.content import require_distinct
 from ces_data.compilation import CompilationNotice
 from ces_data.findings import Finding
 from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
 from ces_gap.augmented import file_of
 from ces_identify.identification import (
     THINNED,
@@ -51,15 +59,13 @@ from ces_identify.identification import (
     split_folds,
 )
 from ces_identify.numerics.search import Limits
-from ces_identify.options import build_identify_options
-from ces_identify.polynomial.constructed import add_blend
-from ces_identify.polynomial.rules_file import built_in_rules, load_rules
-from ces_identify.prepare.cost import Weighting, parse_weighting
+from ces_identify.options import IdentifyRequest
+from ces_identify.polynomial.rules_file import built_in_rules
+from ces_identify.prepare.cost import Weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion
 from ces_identify.structures import KITS
-from ces_identify.structures.auto import AUTO, REASON, advise, select_fitter
-from ces_identify.structures.kit import IdentifyOptions, StructureKit
-from ces_identify.structures.polynomial import POLYNOMIAL
+from ces_identify.structures.auto import REASON, advise, select_fitter
+from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent
 from ces_identify.validation.evaluate import VALIDATION, describe_size
 from ces_identify.validation.lacks import head_lines
@@ -68,55 +74,48 @@ from ces_observer.model import Model
 from ces_observer.proof.certificate import summarize
 from ces_report.table import text_table
 
-
-def _rule_of(kit: StructureKit[Any], names: str) -> OptionRule:
-    reason = f"applies to --structure {kit.option} or {AUTO}, not to {{structure}}; remove it"
-    return OptionRule(names, lambda options: options.structure in (kit.option, AUTO), reason)
-
-
-STRUCTURE_RULES = (
+RULES = (
+    *CAMPAIGN_RULES,
     never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
-    _rule_of(POLYNOMIAL, "method candidates blend terms"),
-    *(_rule_of(kit, " ".join(size.name for size in kit.sizes)) for kit in KITS.values()),
 )
 SEARCH_SHARE, MIN_LEFT_SHARE = 0.8, 0.5  # of a time limit's rest after reading; of the limit, that counts as left
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    parser = make_parser()
-    options = parser.parse_args(argv)
-    if options.show_candidates:
-        print(schema_line("candidates") + built_in_rules(options.method), end="")
+    request = make_parser().read(argv)
+    if request.show_candidates:
+        print(schema_line("candidates") + built_in_rules(request.model.method), end="")
         return 0
-    if options.campaign is not None:
-        return run_campaign(options, parser)
-    work = prepare_identification(options)
-    if options.folds:
-        split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
+    if request.campaign is not None:
+        return run_campaign(request, request.campaign)
+    work = prepare_identification(request)
+    if request.folds:
+        split_folds(work.bags, request.folds)  # raises before the long search if the recordings do not suffice
     result, folds = work.run(), None
-    with without_text(options.json):
-        if options.folds:
-            result, folds = with_folds(result, options, work.bags, work.how)
-            result.model.save(options.out)
-        _print_result(result, options)
-        if options.report is not None:
-            write_report_page(result, options, terminal.command_line("identify", argv))
-            print(f"report: {options.report}")
-    if options.json:
-        print_document("identify", _as_json(result, folds, work, options))
+    with without_text(request.json):
+        if request.folds:
+            result, folds = with_folds(result, request, work.bags, work.how)
+            result.model.save(request.out)
+        _print_result(result, request, work.how.weight)
+        if work.report is not None:
+            write_report_page(result, work, terminal.command_line("identify", argv))
+            print(f"report: {work.report}")
+    if request.json:
+        print_document("identify", _as_json(result, folds, work))
     return 0
 
 
 @dataclass(frozen=True)
 class Identification:
-    """The inputs of an identification.
+    """The inputs of an identification, and the file of its `report`.
 
     `bags` and `validation` are recordings with the force to learn, `measured` all of them as logged. `findings` are
     those of the checks.
     """
 
-    options: argparse.Namespace
+    request: IdentifyProgramRequest
+    report: Path | None
     bags: Sequence[Recording]
     validation: Sequence[Recording]
     measured: Sequence[Recording]
@@ -127,58 +126,56 @@ class Identification:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
         CompilationNotice(terminal.print_warning)
         with show_progress(self.how.limits) as progress:
-            run = select_identify_function(self.options)
+            run = select_identify_function(self.request.model)
             result = run(self.bags, self.validation, self.how, progress.listen)
-        if self.options.teacher is not None:
-            result = with_teacher(result, self.options.teacher, self.measured)
-        result = result.require_explained(self.findings, self.options.ignore_findings)
-        result.model.save(self.options.out)
+        if self.request.teacher is not None:
+            result = with_teacher(result, self.request.teacher, self.measured)
+        result = result.require_explained(self.findings, self.request.model.ignore_findings)
+        result.model.save(self.request.out)
         return result
 
 
-def prepare_identification(options: argparse.Namespace) -> Identification:
-    """Read and check all files that `options` name, before the long search; raises CesError."""
+def prepare_identification(request: IdentifyProgramRequest) -> Identification:
+    """Read and check all files that a request names, before the long search; raises CesError."""
     began_s = monotonic()
-    if not options.bags:
+    if not request.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
-    paths = [find_bags(words, repeated=True) for words in (options.bags, options.validate)]
-    tested = paths[1] or paths[0]
-    options.report = name_report(options.report, [options.out.stem], [path.stem for path in tested])
-    outputs = {"--out": options.out, "--report": options.report}
-    inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
-    require_outputs(options.overwrite, outputs, inputs=inputs)
-    rules = reduce(add_blend, options.blend, load_rules(options.candidates, options.method))
-    values = {**vars(options), "candidates": rules, "weight": parse_weighting(options.weight)}
-    measured, (bags, validation) = _read_recordings(paths, options)
+    paths = [find_bags(words, repeated=True) for words in (request.bags, request.validate)]
+    tested, candidates = paths[1] or paths[0], request.model.candidates
+    report = name_report(request.report, [request.out.stem], [path.stem for path in tested])
+    inputs = [*paths[0], *paths[1], request.signals, find_file(request.teacher or "")]
+    inputs += [candidates] if isinstance(candidates, Path) else []
+    require_outputs(request.overwrite, {OUT: request.out, REPORT: report}, inputs=inputs)
+    how = request.model.options()
+    measured, (bags, validation) = _read_recordings(paths, request)
     require_distinct(bags, validation)
     findings = check_together([*bags, *validation])
-    require_sound(findings, options.ignore_findings)
+    require_sound(findings, request.model.ignore_findings)
     print_warnings(findings)
-    how = build_identify_options({**values, "threads": options.threads or os.cpu_count() or 1})
     if motion := describe_motion([*bags, *validation], choose_motion(bags, how.speed)):
         terminal.print_line(motion, console=terminal.err)
     left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
     how = replace(how, limits=replace(how.limits, time=SEARCH_SHARE * left_s))
-    return Identification(options, bags, validation, measured, how, findings)
+    return Identification(request, report, bags, validation, measured, how, findings)
 
 
 def _read_recordings(
-    groups: Sequence[Sequence[Path]], options: argparse.Namespace
+    groups: Sequence[Sequence[Path]], request: IdentifyProgramRequest
 ) -> tuple[tuple[Recording, ...], list[list[Recording]]]:
     """Return all recordings as logged, and each group with the force to learn; a teacher needs no measured force."""
-    signals = terminal.load_described_signals(options)
-    need = terminal.FORCE if options.teacher is None else terminal.FORCE[:2]
+    signals = load_signals(request.signals)
+    need = terminal.FORCE if request.teacher is None else terminal.FORCE[:2]
     measured = with_distinct_names({path: terminal.read_one(path, signals, need) for group in groups for path in group})
     learned = measured
-    if options.teacher is not None:
-        teacher = open_simulation(options.teacher)
+    if request.teacher is not None:
+        teacher = open_simulation(request.teacher)
         learned = {path: with_teacher_force(teacher, path, recording, signals) for path, recording in measured.items()}
     return tuple(measured.values()), [[learned[path] for path in group] for group in groups]
 
 
-def select_identify_function(options: argparse.Namespace) -> Callable[..., IdentificationResult]:
+def select_identify_function(request: IdentifyRequest) -> Callable[..., IdentificationResult]:
     """Return the function that identifies the chosen structure: (recordings, validation, options, listener)."""
-    return partial(identify, fitter=select_fitter(options.structure, vars(options)))
+    return partial(identify, fitter=select_fitter(request.structure, request.all_sizes))
 
 
 def with_teacher(result: IdentificationResult, teacher: str, measured: Sequence[Recording]) -> IdentificationResult:
@@ -205,7 +202,7 @@ def _round_finite(value: float) -> float | None:
 
 
 def with_folds(
-    result: IdentificationResult, options: argparse.Namespace, recordings: Sequence[Recording], how: IdentifyOptions
+    result: IdentificationResult, request: IdentifyProgramRequest, recordings: Sequence[Recording], how: IdentifyOptions
 ) -> tuple[IdentificationResult, CrossValidation]:
     """Cross-validate, print the table, and return `result` with the costs in its model's provenance, and the costs."""
 
@@ -213,9 +210,9 @@ def with_folds(
         training: Sequence[Recording], held_out: Sequence[Recording], fold: IdentifyOptions
     ) -> IdentificationResult:
         with SearchProgress(fold.limits) as progress:
-            return select_identify_function(options)(training, held_out, fold, progress.listen)
+            return select_identify_function(request.model)(training, held_out, fold, progress.listen)
 
-    folds = cross_validate(recordings, options.folds, identify, how)
+    folds = cross_validate(recordings, request.folds, identify, how)
     terminal.print_table(terminal.lay_out(fold_table(folds)))
     if any(row.interval is None for row in folds.rows):
         print(f"{NONE}: the free run diverged, or the recording is too short for an interval")
@@ -227,41 +224,45 @@ def with_folds(
     return _with_history(result, "cross_validation", rows), folds
 
 
-def write_report_page(result: IdentificationResult, options: argparse.Namespace, command: str) -> None:
-    """Write the report to options.report; raises CesError if it cannot be written."""
+def write_report_page(result: IdentificationResult, work: Identification, command: str) -> None:
+    """Write the report if one is wanted; raises CesError if it cannot be written."""
     from ces_identify.report.page import write_report
 
+    if work.report is None:
+        return
+    out = work.request.out
+    trials = sum(f.trials for f in result.search_results)
     facts = {
         "command": command,
-        "selection": f"{describe_starts(result, options)}, {sum(f.trials for f in result.search_results)} trials",
+        "selection": f"{describe_starts(result, work.request.model)}, {trials} trials",
         "end of search": result.search_results[0].ended,
     }
     try:
-        write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
+        write_report(work.report, f"Model {out.name}", result.model, result.evaluations, facts)
     except CesError as error:
-        raise CesError(f"{error} with --overwrite; {options.out} is complete") from None
+        raise CesError(*error.args, " with ", OVERWRITE, f"; {out} is complete") from None
 
 
-def describe_starts(result: IdentificationResult, options: argparse.Namespace) -> str:
+def describe_starts(result: IdentificationResult, request: IdentifyRequest) -> str:
     """Return which start was best and how many starts led to a model, or why this kind of damper."""
     selection = result.model.provenance.get("selection", {})
     if "kind_reason" in selection:
         return str(selection["kind_reason"])
     seed = result.search_results[0].seed
     count = result.starts
-    return f"best: start {seed - options.seed + 1} of {options.starts} (seed {seed}); {count} led to a model"
+    return f"best: start {seed - request.seed + 1} of {request.starts} (seed {seed}); {count} led to a model"
 
 
-def _print_result(result: IdentificationResult, options: argparse.Namespace) -> None:
+def _print_result(result: IdentificationResult, request: IdentifyProgramRequest, weight: Weighting) -> None:
     evaluations, model = result.evaluations, result.model
-    print_costs(evaluations, describe_size(model), _weighting(result, options))
+    print_costs(evaluations, describe_size(model), _weighting(result, weight))
     for line in head_lines(model, evaluations):
         terminal.print_warning(line)
     _print_teacher(result)
     print(RULE)
     if used := model.provenance["selection"].get(THINNED):
         print(f"identified on {used}")
-    print(f"{describe_starts(result, options)}; stopped: {result.search_results[0].ended}")
+    print(f"{describe_starts(result, request.model)}; stopped: {result.search_results[0].ended}")
     if not any(e.role == VALIDATION for e in evaluations):
         terminal.print_warning(
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
@@ -276,11 +277,11 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
         if advice := advise(costs, chosen):
             terminal.print_warning(advice)
     print_band(model, evaluations)
-    print(f"model:  {options.out}")
+    print(f"model:  {request.out}")
 
 
-def _weighting(result: IdentificationResult, options: argparse.Namespace) -> Weighting:
-    return parse_weighting(options.weight).with_common_stroke([e.series for e in result.evaluations])
+def _weighting(result: IdentificationResult, weight: Weighting) -> Weighting:
+    return weight.with_common_stroke([e.series for e in result.evaluations])
 
 
 def _print_teacher(result: IdentificationResult) -> None:
@@ -315,17 +316,15 @@ def _print_certificate(model: Model, doubt: str) -> None:
     terminal.print_warning(f"{text} observer will refuse this model unless allow_uncertified is true")
 
 
-def _as_json(
-    result: IdentificationResult, folds: CrossValidation | None, work: Identification, options: argparse.Namespace
-) -> dict[str, Any]:
+def _as_json(result: IdentificationResult, folds: CrossValidation | None, work: Identification) -> dict[str, Any]:
     best, model = result.search_results[0], result.model
-    weighting = _weighting(result, options)
+    weighting = _weighting(result, work.how.weight)
     teacher = None
-    if options.teacher is not None:
+    if work.request.teacher is not None:
         rows = compare_with_teacher(model, result.evaluations, work.measured)
         teacher = [asdict(row) | {"loss": row.loss} for row in rows]
     return {
-        "model": {"path": options.out, **model_facts(model)},
+        "model": {"path": work.request.out, **model_facts(model)},
         "certificate": model.certificate,
         "weights": str(weighting) if weighting else None,
         "recordings": cost_rows(result.evaluations, weighting),
@@ -335,19 +334,17 @@ def _as_json(
         "folds": None if folds is None else fold_rows(folds),
         "teacher": teacher,
         "findings": work.findings,
-        "report": options.report,
+        "report": work.report,
     }
 
 
-def make_parser() -> terminal.Parser:
-    """Return the argument parser."""
+def make_parser() -> terminal.Parser[IdentifyProgramRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "identify",
         "Identify a model of the damping force from one or more recordings. The free-run cost selects the model, and "
         f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
-        replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"),
-        *list_shared(),
-        *OF_THE_PROGRAM,
-        rules=(*CAMPAIGN_RULES, *STRUCTURE_RULES),
+        IdentifyProgramRequest,
+        rules=RULES,
     )

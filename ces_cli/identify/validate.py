@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bags, print_findings, print_warnings, with_distinct_names
-from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, MODEL, OVERWRITE, PART, REPORT, SIGNALS, only_with
+from ces_cli.terminal.options import (
+    BAGS,
+    BAGS_FORM,
+    JSON,
+    MODEL,
+    OVERWRITE,
+    PART,
+    REPORT,
+    SIGNALS,
+    ProgramRequest,
+    only_with,
+    option,
+)
+from ces_cli.terminal.outputs import REPORT as REPORT_FILE
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, without_text
 from ces_cli.terminal.results import cost_rows, held_out_row, model_facts, print_band, print_costs
 from ces_data.checks.content import find_known_recording, require_once
@@ -18,6 +30,7 @@ from ces_data.checks.units import signs_against_model, unit_against_model
 from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.limits import StatisticLimits
 from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
 from ces_identify.options import REGIONS, WEIGHT
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.series import prepare
@@ -26,52 +39,74 @@ from ces_identify.validation.lacks import head_lines
 from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
-from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate
+from ces_observer.records import declare
 
 NOT_PROVED = 1  # exit status
 ROUNDING = 1e-9  # relative
 SIGNED = ("position", "force")
 
 
+@dataclass(frozen=True, kw_only=True)
+class ValidateRequest(ProgramRequest):
+    """What `ces validate` is asked for."""
+
+    model: Path = declare(MODEL)
+    bags: tuple[str, ...] = declare(replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"))
+    signals: Path | None = declare(SIGNALS)
+    part: tuple[float, float] = declare(PART)
+    weight: tuple[str, ...] = declare(
+        replace(WEIGHT, meaning=f"also show J with W times the weight for ticks in this region: {REGIONS}")
+    )
+    certificate: bool = option(
+        False, "prove the model stable again; exit status 1 if it cannot be proved, or the file claims more"
+    )
+    report: Path | None = declare(REPORT)
+    json: bool = declare(JSON)
+    overwrite: bool = declare(OVERWRITE)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = make_parser().parse_args(argv)
-    paths = find_bags(options.bags)
-    options.report = name_report(options.report, [options.model.stem], [path.stem for path in paths])
-    outputs = {"--report": options.report}
-    require_outputs(options.overwrite, outputs, inputs=[options.model, *paths, options.signals])
-    model, weighting = load_model(options.model), parse_weighting(options.weight)
-    if not options.bags and not options.certificate:
+    request = make_parser().read(argv)
+    paths = find_bags(request.bags)
+    report = name_report(request.report, [request.model.stem], [path.stem for path in paths])
+    outputs = {REPORT_FILE: report}
+    require_outputs(request.overwrite, outputs, inputs=[request.model, *paths, request.signals])
+    model, weighting = load_model(request.model), parse_weighting(request.weight)
+    if not request.bags and not request.certificate:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
-    with without_text(options.json):
-        proof = model.certify() if options.certificate else None
-        status = 0 if proof is None else print_proof(model, proof, str(options.model))
-        evaluations, findings = ([], []) if status else _evaluate_recordings(model, paths, options)
+    with without_text(request.json):
+        proof = model.certify() if request.certificate else None
+        status = 0 if proof is None else print_proof(model, proof, str(request.model))
+        evaluations, findings = ([], []) if status else _evaluate_recordings(model, paths, request)
         if evaluations:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
-            title = f"{options.model}: {describe_size(model)}"
+            title = f"{request.model}: {describe_size(model)}"
             print_costs(evaluations, title, weighting, exact=False)
             for line in head_lines(model, evaluations):
                 terminal.print_warning(line)
             print_band(model, evaluations)
             _print_details(evaluations, weighting)
-        if evaluations and options.report is not None:
+        if evaluations and report is not None:
             from ces_identify.report.page import write_report
 
             facts = {"command": terminal.command_line("validate", argv)}
-            write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)
-            print(f"report: {options.report}")
-    if options.json:
-        print_document("validate", {**_as_json(model, proof, evaluations, weighting, options), "findings": findings})
+            write_report(report, f"Validation of {request.model.name}", model, evaluations, facts, weighting)
+            print(f"report: {report}")
+    if request.json:
+        print_document(
+            "validate",
+            {**_as_json(model, proof, evaluations, weighting, request), "report": report, "findings": findings},
+        )
     return status
 
 
 def _evaluate_recordings(
-    model: Model, paths: Sequence[Path], options: argparse.Namespace
+    model: Model, paths: Sequence[Path], request: ValidateRequest
 ) -> tuple[list[Evaluation], list[Finding]]:
     """Return the evaluations, and the findings of the checks, which are printed."""
-    signals = terminal.load_described_signals(options)
+    signals = load_signals(request.signals)
     recordings = list(
         with_distinct_names({path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}).values()
     )
@@ -79,16 +114,16 @@ def _evaluate_recordings(
     findings = [*print_findings(recordings)]
     evaluations: list[Evaluation] = []
     for recording in recordings:
-        overlaps = find_known_recording(recording, model.provenance, options.part)
+        overlaps = find_known_recording(recording, model.provenance, request.part)
         if overlaps:
             terminal.print_warning(
                 f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
                 "here is lower than on new data"
             )
-        series = prepare(recording, model.sampling).part(*options.part)
+        series = prepare(recording, model.sampling).part(*request.part)
         evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
         if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in findings)):
-            findings += print_against_model(model, recording, evaluations[-1], options.part)
+            findings += print_against_model(model, recording, evaluations[-1], request.part)
     return evaluations, findings
 
 
@@ -129,16 +164,15 @@ def _as_json(
     proof: Certificate | None,
     evaluations: Sequence[Evaluation],
     weighting: Weighting,
-    options: argparse.Namespace,
+    request: ValidateRequest,
 ) -> dict[str, Any]:
     return {
-        "model": {"path": options.model, **model_facts(model)},
+        "model": {"path": request.model, **model_facts(model)},
         "certificate": None if proof is None else certificate_facts(model, proof),
         "weights": str(weighting) if weighting else None,
         "recordings": cost_rows(evaluations, weighting),
         "all_held_out": held_out_row(evaluations),
         "residuals": {e.name: _residual_facts(e) for e in evaluations},
-        "report": options.report,
     }
 
 
@@ -199,8 +233,8 @@ def _number(stored: Mapping[str, Any] | None, key: str) -> float | None:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
+def make_parser() -> terminal.Parser[ValidateRequest]:
+    """Return the parser of the program."""
     return terminal.parser(
         "validate",
         "Evaluate a model by the cost J of its free run on recordings with a measured force, with the interval of J, "
@@ -208,16 +242,7 @@ def make_parser() -> terminal.Parser:
         "its stability again.",
         "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
         "  ces validate model.json --certificate",
-        MODEL,
-        replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"),
-        *(SIGNALS, PART),
-        replace(WEIGHT, meaning=f"also show J with W times the weight for ticks in this region: {REGIONS}"),
-        Option(
-            "certificate",
-            False,
-            "prove the model stable again; exit status 1 if it cannot be proved, or the file claims more",
-        ),
-        *(REPORT, JSON, OVERWRITE),
+        ValidateRequest,
         rules=(
             only_with(
                 "report part weight signals overwrite",

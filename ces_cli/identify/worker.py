@@ -1,45 +1,47 @@
 """The separate process of the node `identify` that runs the search, so that it does not block the node's executor.
 
-The command line of `ces identify` comes in. One JSON object per line goes out on standard output, warnings as text on
-standard error. The process ends when its standard input closes, which happens when the node ends. SIGINT acts as Ctrl-C
-does on the program: it stops the search with the best model so far, and any other stage without a model.
+The request comes in as one line of JSON: the values of options that are given, by their names. One JSON object per line
+goes out on standard output, warnings as text on standard error. The process ends when its standard input closes, which
+happens when the node ends. SIGINT acts as Ctrl-C does on the program: it stops the search with the best model so far,
+and any other stage without a model.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
-import re
+import shlex
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import Any
 
 from ces_cli.identify.process import READING, SEARCHING, WRITING
-from ces_cli.identify.program import make_parser, prepare_identification, write_report_page
+from ces_cli.identify.program import prepare_identification, write_report_page
+from ces_cli.identify.request import BAGS, IdentifyProgramRequest, list_shared
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import BestResults
 from ces_identify.numerics.search import Limits, SearchResult
 from ces_identify.validation.evaluate import describe_size
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 
 SEND_EVERY_S = 0.2
 
 Send = Callable[[dict[str, Any]], None]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Identify a model; returns 0, 2 after a user's mistake, or 130 if SIGINT came before the first model."""
     send = _redirect_stdout()
+    given = json.loads(_read_line())
     threading.Thread(target=_exit_with_node, daemon=True).start()
     try:
         terminal.interrupt_as_exception()
-        send({"result": _identify(list(sys.argv[1:] if argv is None else argv), send)})
+        send({"result": _identify(given, send)})
     except CesError as error:
-        send({"error": name_parameters(str(error))})
+        send({"error": error.word(OptionName.as_parameter)})
         return terminal.USER_ERROR
     except OSError as error:
         send({"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)})
@@ -49,18 +51,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _identify(words: list[str], send: Send) -> dict[str, Any]:
+def _identify(given: Mapping[str, Any], send: Send) -> dict[str, Any]:
     """Identify, write model and report, and return the message that the node publishes: facts and costs."""
-    options = _options(words)
+    request = IdentifyProgramRequest.of(given, given)
     send({"stage": READING})
-    result = prepare_identification(options).run(lambda limits: SearchReporter(limits, send))
-    if options.report is not None:
-        write_report_page(result, options, terminal.command_line("identify", words))
+    work = prepare_identification(request)
+    result = work.run(lambda limits: SearchReporter(limits, send))
+    write_report_page(result, work, as_command(given))
     best, model = result.search_results[0], result.model
     facts = {
-        "model": str(options.out.absolute()),
+        "model": str(request.out.absolute()),
         "model sha256": model.digest(),
-        "report": "" if options.report is None else str(options.report.absolute()),
+        "report": "" if work.report is None else str(work.report.absolute()),
         "structure": model.structure,
         "size": describe_size(model),
         "rate [Hz]": f"{model.sampling.rate_Hz:g}",
@@ -108,24 +110,26 @@ class SearchReporter:
             self._send({"cost": best.cost, "size": len(best.chosen), **done})
 
 
-def _options(words: list[str]) -> argparse.Namespace:
-    """Return the options; raises CesError with the parser's message."""
-    parser = make_parser()
+def as_command(given: Mapping[str, Any]) -> str:
+    """Return the command of `ces identify` that asks for the same, as reports state it."""
+    words = []
+    for option in list_shared():
+        values = given.get(option.name, ())
+        if option.kind is bool:
+            words += [option.flag] if option.name in given else []
+        elif option.together:
+            words += [option.flag, *values] if values else []
+        else:
+            words += [f"{option.flag}={value}" for value in (values if isinstance(values, list | tuple) else [values])]
+    return shlex.join(["ces", "identify", *words, "--", *given[BAGS.name]])
 
-    def refuse(message: str) -> NoReturn:
-        raise CesError(message.removeprefix("argument "))
 
-    parser.error = refuse  # type: ignore[method-assign]
-    return parser.parse_args(words)
-
-
-def name_parameters(text: str) -> str:
-    """Return an error of the program with its options named as the node's parameters."""
-
-    def name(match: re.Match[str]) -> str:
-        return f"parameter {match[1].removeprefix('no-').replace('-', '_')}"
-
-    return re.sub(r"(?<![\w-])--([a-z][a-z-]*[a-z])", name, text)
+def _read_line() -> bytes:
+    """Return the first line of standard input, byte by byte, so that the end of the input can be awaited elsewhere."""
+    line = b""
+    while not line.endswith(b"\n") and (byte := os.read(sys.stdin.fileno(), 1)):
+        line += byte
+    return line
 
 
 def _redirect_stdout() -> Send:

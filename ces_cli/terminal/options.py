@@ -1,31 +1,66 @@
-"""The options that several programs share, each declared once, and rules on which options apply with which others."""
+"""What programs are asked for: requests, which are records of options, and rules on which options apply together.
+
+The options that several programs share are declared here, each once.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from math import inf
 from pathlib import Path
+from typing import Any, Self, get_args, get_type_hints
 
 from ces_observer.errors import CesError
 from ces_observer.fields import REQUIRED
 from ces_observer.options import Option
+from ces_observer.records import FIELD, declare
 
-Condition = Callable[[argparse.Namespace], bool]
+Values = Mapping[str, Any]  # of options, by their names
 ALL = "*"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramRequest:
+    """The base of what programs are asked for: frozen dataclasses, each field of which is declared by an option."""
+
+    @classmethod
+    def options(cls) -> tuple[Option, ...]:
+        """Return the options of the program, named as the fields, with the kinds of their annotations."""
+        hints = get_type_hints(cls)
+        return tuple(_as_annotated(replace(f.metadata[FIELD], name=f.name), hints[f.name]) for f in fields(cls))
+
+    @classmethod
+    def of(cls, values: Values, given: Collection[str]) -> Self:
+        """Return the request for the values of all its options, of which the user has `given` some by name."""
+        return cls(**{option.name: as_field(option, values[option.name]) for option in cls.options()})
+
+
+def _as_annotated(option: Option, hint: Any) -> Option:
+    kind = next((kind for kind in get_args(hint) or (hint,) if kind in (int, float, str, Path)), bool)
+    return option if isinstance(option, PartOption) else replace(option, kind=kind)
+
+
+def as_field(option: Option, value: Any) -> Any:
+    """Return the value of an option as a request has it: a path as a Path, several values as a tuple."""
+    make = Path if option.kind is Path else lambda one: one
+    if isinstance(value, list | tuple):
+        return tuple(make(one) for one in value)
+    return value if value is None else make(value)
 
 
 @dataclass(frozen=True)
 class OptionRule:
-    """The options `names` apply only if `applies` holds; else the error is the option followed by `reason`.
+    """The options `names` apply only if `applies` holds for the values; else the error is the option and `reason`.
 
     `names` are the options' attributes in words, `*` is all options that are not in `but`. In `reason`, {name} is the
     value of an option.
     """
 
     names: str
-    applies: Condition
+    applies: Callable[[Values], bool]
     reason: str
     but: str = ""
 
@@ -36,27 +71,27 @@ class OptionRule:
 
 def only_with(names: str, other: str, reason: str) -> OptionRule:
     """Return the rule that `names` apply only together with the option `other`."""
-    return OptionRule(names, lambda options: bool(getattr(options, other, None)), reason)
+    return OptionRule(names, lambda values: bool(values.get(other)), reason)
 
 
 def never_with(names: str, other: str, reason: str, but: str = "") -> OptionRule:
     """Return the rule that `names` do not apply together with the option `other`."""
-    return OptionRule(names, lambda options: not getattr(options, other, None), reason, but)
+    return OptionRule(names, lambda values: not values.get(other), reason, but)
 
 
-def require_applicable(given: Mapping[str, str], options: argparse.Namespace, rules: Sequence[OptionRule]) -> None:
-    """Raise CesError for the first rule that options break; `given` maps their attributes to what the user wrote."""
+def require_applicable(given: Mapping[str, str], values: Values, rules: Sequence[OptionRule]) -> None:
+    """Raise CesError for the first rule that options break; `given` maps their names to what the user wrote."""
     for rule in rules:
         wrong = next((text for name, text in given.items() if rule.concerns(name)), None)
-        if wrong is not None and not rule.applies(options):
-            raise CesError(f"{wrong} {rule.reason.format(**vars(options))}")
+        if wrong is not None and not rule.applies(values):
+            raise CesError(f"{wrong} {rule.reason.format(**values)}")
 
 
-def find_given(parser: argparse.ArgumentParser, words: Sequence[str], options: argparse.Namespace) -> dict[str, str]:
-    """Return what the user gave, defaults too, by attribute: options and arguments as the user knows them."""
+def find_given(parser: argparse.ArgumentParser, words: Sequence[str], values: Values) -> dict[str, str]:
+    """Return what the user gave, defaults too, by name: options and arguments as the user knows them."""
     given: dict[str, str] = {}
     for action in list_actions(parser):
-        if not action.option_strings and getattr(options, action.dest, None) not in (action.default, None, []):
+        if not action.option_strings and values.get(action.dest) not in (action.default, None, []):
             given[action.dest] = str(action.metavar or action.dest)
     by_text = {text: action for action in list_actions(parser) for text in action.option_strings}
     for word in words[: words.index("--")] if "--" in words else words:
@@ -83,6 +118,16 @@ class Argument(Option):
 
     together: bool = True
     count: str = ""
+
+
+def option(default: Any = REQUIRED, meaning: str = "", low: float = -inf, high: float = inf, **settings: Any) -> Any:
+    """Declare a field of a request by an option; its name and kind are those in the class."""
+    return declare(Option(default=default, meaning=meaning, low=low, high=high, **settings))
+
+
+def argument(default: Any = REQUIRED, meaning: str = "", **settings: Any) -> Any:
+    """Declare a field of a request by a positional argument."""
+    return declare(Argument(default=default, meaning=meaning, **settings))
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,12 @@ from typing import Any
 
 from ces_identify import schema_files
 from ces_observer import __version__
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 
 NO_PAGES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
-Outputs = Mapping[str, Path | None]
-"""Paths by the option that names them, such as `--report`; None is an output that nobody asked for."""
+OUT, REPORT, OVERWRITE = OptionName("out"), OptionName("report"), OptionName("overwrite", True)
+Outputs = Mapping[OptionName, Path | None] | Mapping[OptionName | str, Path | None]
+"""Paths by the option that names them, or by words; None is an output that nobody asked for."""
 
 MAX_NAMED = 4  # recordings in the name of a report
 MAX_LETTERS = 120  # of that name
@@ -53,7 +54,7 @@ def require_outputs(
 ) -> None:
     """Raise CesError unless all outputs can be written, differ and are no inputs; files and bags are replaced whole."""
     read = [path.resolve() for path in inputs if path is not None]
-    seen: dict[Path, str] = {}
+    seen: dict[Path, OptionName | str] = {}
     kinds = {"file": files, "bag": bags, "folder": folders}
     for kind, option, path in ((kind, *output) for kind, named in kinds.items() for output in (named or {}).items()):
         if path is None:
@@ -61,8 +62,8 @@ def require_outputs(
         _require_file(path) if kind == "file" else require_folder(path)
         other = seen.setdefault(path.resolve(), option)
         if other != option:
-            raise CesError(f"{path}: is named by {other} and {option}; choose another name for one of them")
-        if option == "--report" and path.suffix.lower() in NO_PAGES:
+            raise CesError(f"{path}: is named by ", other, " and ", option, "; choose another name for one of them")
+        if option == REPORT and path.suffix.lower() in NO_PAGES:
             raise CesError(
                 f"{path}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
             )
@@ -72,7 +73,8 @@ def require_outputs(
             if kind == "bag" and path.is_dir() and not (path / "metadata.yaml").is_file():
                 raise CesError(f"{path}: is a folder but not a bag, so it is not replaced; choose another name")
             if not overwrite:
-                raise CesError(f"{path}: exists; choose another name for {option}, or replace it with --overwrite")
+                advice = f"{path}: exists; choose another name for ", option, ", or replace it with ", OVERWRITE
+                raise CesError(*advice)
 
 
 def _require_file(path: Path) -> None:
@@ -99,13 +101,13 @@ def _require_writable(folder: Path, path: Path) -> None:
         raise CesError(f"{path}: the folder {folder.absolute()} cannot be written; choose another")
 
 
-def _require_no_input(path: Path, option: str, read: Sequence[Path]) -> None:
+def _require_no_input(path: Path, option: OptionName | str, read: Sequence[Path]) -> None:
     """Raise CesError if an output would replace an input, or be a file in a bag that is read."""
     if any(source.is_relative_to(path.resolve()) for source in read):
-        raise CesError(f"{path}: is an input, too; choose another name for {option}")
+        raise CesError(f"{path}: is an input, too; choose another name for ", option)
     inside = next((source for source in read if path.resolve().is_relative_to(source)), None)
     if inside is not None:
-        raise CesError(f"{path}: is inside the input {inside.name}; choose another place for {option}")
+        raise CesError(f"{path}: is inside the input {inside.name}; choose another place for ", option)
 
 
 SCHEMA_VERSION = 1
@@ -153,7 +155,7 @@ def as_plain(value: object) -> Any:
     raise TypeError(f"{type(value).__name__} has no form in JSON")
 
 
-BUILDERS = "ces_cli.schemas"  # imports all packages
+BUILDERS = "ces_cli.schema"  # imports all packages
 VERSION = "version.txt"
 
 

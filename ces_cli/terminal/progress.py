@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import threading
 import time
@@ -170,13 +169,13 @@ def run_jobs(
     tasks: Iterable[Task],
     shared: Shared,
     threads: int,
-    options: argparse.Namespace,
+    processes: int | None,
     results: ResultsFolder,
     progress: JobsProgress,
     describe: Callable[[Row], str],
 ) -> bool:
-    """Run the tasks in --jobs processes, store each result; False after Ctrl-C."""
-    running = run_on_this_machine(work, tasks, shared, options.jobs or os.cpu_count() or 1, threads)
+    """Run the tasks in `processes` (default: one for each processor), store each result; False after Ctrl-C."""
+    running = run_on_this_machine(work, tasks, shared, processes or os.cpu_count() or 1, threads)
     try:
         with progress, closing(running):
             for result in running:

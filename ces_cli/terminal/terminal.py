@@ -12,12 +12,12 @@ import textwrap
 import threading
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn, TextIO, TypeVar
+from typing import Any, Generic, NoReturn, TextIO, TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
@@ -25,22 +25,23 @@ from rich.console import Console, JustifyMethod
 from rich.markup import escape
 from rich.table import Column, Table
 
-from ces_cli.terminal.options import Argument, OptionRule, PartOption, find_given, require_applicable
+from ces_cli.terminal.options import Argument, OptionRule, PartOption, ProgramRequest, find_given, require_applicable
 from ces_data.bags.reader import LogTimeWarning, read_recording
 from ces_data.findings import require_usable
 from ces_data.recording import Recording
-from ces_data.signals_file import load_signals
 from ces_identify.jobs import end_process
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.fields import REQUIRED, Field
 from ces_observer.options import Option
 from ces_observer.signals import Signals
 from ces_report import table as declared
 
 R = TypeVar("R")
+Request = TypeVar("Request", bound=ProgramRequest)
 
 FORCE = ("position", "current", "force")  # signals of a recording with a measured force
 USER_ERROR = 2
+PART = "request of the part"  # key of the values: which subprogram is asked for
 MIN_TEXT_WIDTH = 12  # characters of a column of texts that may wrap
 INTERRUPTED = 130
 PATIENCE_S = 1.0
@@ -50,14 +51,22 @@ out = Console()
 err = Console(stderr=True)
 
 
-class Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser, Generic[Request]):
     """An argument parser whose errors are one line, with `rules` on the options that apply together.
 
-    With `intermixed`, arguments may follow options.
+    `read` makes a `request` of the words. With `intermixed`, arguments may follow options.
     """
 
+    request: type[Request]
     rules: Sequence[OptionRule] = ()
     intermixed = False
+
+    def read(self, argv: Sequence[str] | None = None) -> Request:
+        """Return the request that the words make, by default those of this process; raises CesError."""
+        words = list(sys.argv[1:] if argv is None else argv)
+        values = vars(self.parse_args(words))
+        request: type[Request] = values.get(PART) or self.request
+        return request.of(values, find_given(self, words, values))
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
         """Return the options; raises CesError for one that does not apply. Refuses empty values, as of unset names."""
@@ -67,7 +76,7 @@ class Parser(argparse.ArgumentParser):
                 self.error(f"{word.rstrip('=') or before or 'the first argument'}: a value is empty")
         parse = super().parse_intermixed_args if self.intermixed else super().parse_args
         options: argparse.Namespace = parse(words, namespace)
-        require_applicable(find_given(self, words, options), options, self.rules)
+        require_applicable(find_given(self, words, vars(options)), vars(options), self.rules)
         return options
 
     def error(self, message: str) -> NoReturn:
@@ -77,13 +86,32 @@ class Parser(argparse.ArgumentParser):
 
 
 def parser(
-    name: str, about: str, example: str, *options: Option, rules: Sequence[OptionRule] = (), intermixed: bool = False
-) -> Parser:
-    """Return the parser of the program `ces NAME` with its arguments and options."""
-    texts: dict[str, Any] = {"description": textwrap.fill(about, 100), "epilog": f"example:\n  {example}"}
-    made = Parser(prog=f"ces {name}", **texts, formatter_class=argparse.RawDescriptionHelpFormatter)
-    made.rules, made.intermixed = rules, intermixed
-    add_options(made, *options)
+    name: str,
+    about: str,
+    example: str,
+    request: type[Request],
+    rules: Sequence[OptionRule] = (),
+    intermixed: bool = False,
+    parts: Mapping[str, tuple[str, str, type[Request]]] | None = None,
+) -> Parser[Request]:
+    """Return the parser of the program `ces NAME`, which makes a request.
+
+    Its `parts` are subprograms by name, each with what it does, an example and a request of its own.
+    """
+
+    def texts(about: str, example: str) -> dict[str, Any]:
+        head = {"description": textwrap.fill(about, 100), "epilog": f"example:\n  {example}"}
+        return {**head, "formatter_class": argparse.RawDescriptionHelpFormatter}
+
+    made = Parser[Request](prog=f"ces {name}", **texts(about, example))
+    made.request, made.rules, made.intermixed = request, rules, intermixed
+    add_options(made, *request.options())
+    if parts:
+        inner = made.add_subparsers(metavar="|".join(parts), required=True)
+        for word, (does, line, own) in parts.items():
+            part = inner.add_parser(word, help=does, **texts(f"{does.capitalize()}.", line))
+            add_options(part, *own.options())
+            part.set_defaults(**{PART: own})
     return made
 
 
@@ -210,11 +238,6 @@ def _measure_width(columns: Sequence[Column], table: Table) -> int:
     return width
 
 
-def load_described_signals(options: argparse.Namespace) -> Signals:
-    """Return the signals that --signals names."""
-    return load_signals(options.signals)
-
-
 def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None = None) -> int:
     """Run `program`; a user's mistake gives one line on stderr and exit status 2, Ctrl-C gives status 130."""
     _said.clear()
@@ -225,7 +248,7 @@ def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequenc
         sys.stdout.flush()
         return status
     except CesError as error:
-        _print_error(name, f"error: {error}")
+        _print_error(name, f"error: {error.word(OptionName.as_flag)}")
     except BrokenPipeError:
         _silence(sys.stdout)
         return 0

@@ -31,7 +31,7 @@ from ces_data.bags.storage import METADATA, WRITTEN_BY
 from ces_data.recording import Recording, Stamps, Values
 from ces_observer import __version__
 from ces_observer.cdr.layout import JOINT_NAMES
-from ces_observer.errors import CesError, RecordingError, SignalsError
+from ces_observer.errors import CesError, OptionName, RecordingError, SignalsError
 from ces_observer.signals import FieldPath, Signal, Signals
 
 CHUNK = 1 << 20  # bytes of messages that are compressed together
@@ -110,7 +110,8 @@ def open_bag_writer(
     """
     used = path.exists() and not (path.is_dir() and not any(path.iterdir()))
     if used and not overwrite:
-        raise RecordingError(f"{path}: exists; choose another name, or replace it with --overwrite (overwrite=True)")
+        replace = OptionName("overwrite", True)
+        raise RecordingError(f"{path}: exists; choose another name, or replace it with ", replace)
     if used and not (path / METADATA).exists():
         raise RecordingError(f"{path}: exists and is not a bag, so it is not overwritten; choose another name")
     try:

@@ -23,7 +23,7 @@ from ces_data.checks.units import find_exchange, half_span, ratio_findings, unit
 from ces_data.findings import ERROR, WARNING, WRONG_MODEL, DelayFinding, Finding, findings, finite_values, sort_findings
 from ces_data.limits import DamperLimits, DriftLimits, RatioLimits, StatisticLimits
 from ces_data.recording import Channel, Recording
-from ces_observer.errors import RecordingError
+from ces_observer.errors import OptionName, RecordingError
 from ces_observer.signals import UNITS
 
 COMPARED = (  # signal, trait, the limit of any damper, verb, and the units that it may be in instead
@@ -102,7 +102,8 @@ def require_sound(findings: Sequence[Finding], ignore_findings: bool = False) ->
     wrong = tuple(f.text for f in findings if f.severity == WRONG_MODEL)
     if wrong and not ignore_findings:
         more = f" (and {len(wrong) - 1} more findings like this)" if len(wrong) > 1 else ""
-        raise RecordingError(f"{wrong[0]}{more}; a model would be wrong: --ignore-findings identifies all the same")
+        ignore = OptionName("ignore_findings", True)
+        raise RecordingError(f"{wrong[0]}{more}; a model would be wrong: ", ignore, " identifies all the same")
     return wrong
 
 

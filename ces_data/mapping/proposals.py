@@ -19,7 +19,7 @@ from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates,
 from ces_data.mapping.choice import UNCHECKED, Choice, NotFound, Selection, choose
 from ces_data.mapping.rating import Candidate, Rating
 from ces_data.recording import Recording
-from ces_observer.errors import RecordingError
+from ces_observer.errors import OptionName, RecordingError
 
 WIDTH = 110
 MAX_OTHERS = 4
@@ -135,9 +135,10 @@ def propose_mapping(
     path, damper = split_damper(path)
     log = open_log(path, DynoMapping(source="a mapping", signals={}, blank="missing", dbc=tuple(dbc)), progress)
     if rate is not None and isinstance(log, TimedLog):
-        raise RecordingError(f"{path}: --rate does not apply: the channels of this log have their own times")
+        times = " does not apply: the channels of this log have their own times"
+        raise RecordingError(f"{path}: ", OptionName("rate"), times)
     if dbc and not isinstance(log, CanLog):
-        raise RecordingError(f"{path}: --dbc does not apply: this is no CAN log")
+        raise RecordingError(f"{path}: ", OptionName("dbc"), " does not apply: this is no CAN log")
     candidates = find_log_candidates(log, rate)
     selection = choose(candidates.candidates, integrates=True)
     if damper and damper not in selection.names:

@@ -11,6 +11,8 @@ import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +30,12 @@ from ces_identify.physical.physical_search import PhysicalFit, PhysicalSearch
 from ces_identify.schema_files import cache_folder
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.training import Training
-from ces_observer import __version__
 from ces_observer.errors import ModelError
 from ces_observer.json_text import write_atomically
 from ces_observer.model import Envelope
 from ces_observer.structures.hydraulic import NEVER_S, Hydraulic
 
+FITTED_BY = ("ces_observer", "ces_data", "ces_identify", "ces_gap")
 KINDS = ("uniflow", "twin tube", "magneto-rheological")
 GROOVED_KINDS = ("monotube",)  # fitted to the end, too, where the force follows the stroke: most with a groove are
 WORK, ROWS = 0.25, 4  # of the comparison of kinds: work of a fit, and curves of the valve
@@ -61,7 +63,7 @@ def find_own_twin(simulation: Simulation, traces: Sequence[Trace]) -> Twin | Non
 def _with_cost(twin: Twin, traces: Sequence[Trace]) -> Twin:
     """Return the twin with its cost on all ticks of the traces."""
     force = usable_values(traces, [t.simulated for t in traces])
-    error = force - usable_values(traces, [twin.prepare_for(t).recorded for t in traces])
+    error = force - usable_values(traces, [twin.prepare_for(t).recorded_force for t in traces])
     return replace(twin, cost_J=100.0 * rms(error) / max(float(force.std()), 1e-9))
 
 
@@ -82,12 +84,17 @@ def find_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ig
     return twin
 
 
+@cache
+def _code_digest() -> str:
+    digest, here = hashlib.sha256(), Path(__file__).resolve().parents[2]
+    for path in sorted(path for package in FITTED_BY for path in (here / package).rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 def _hash(traces: Sequence[Trace]) -> str:
-    digest = hashlib.sha256(
-        repr(
-            (__version__, KINDS, GROOVED_KINDS, WORK, ROWS, STRENGTHS, MAX_TICKS, MAX_STEPS, TwinLimits.MIN_RINGING)
-        ).encode()
-    )
+    """Return the key of the twin of these traces: they, the kinds, and the code of all packages that the fit uses."""
+    digest = hashlib.sha256(f"{KINDS} {_code_digest()}".encode())
     for trace in traces:
         for values in (trace.inputs.position, trace.inputs.current, trace.simulated):
             digest.update(np.ascontiguousarray(values).tobytes())
@@ -130,7 +137,7 @@ def find_column(twin: Twin, traces: Sequence[Trace]) -> float:
         rate = derivative(trace.simulated, trace.rate_Hz)
         columns = rate, derivative(rate, trace.rate_Hz), trace.acceleration
         parts.append(np.stack(columns, axis=1)[trace.usable])
-        errors.append((trace.simulated - twin.prepare_for(trace).recorded)[trace.usable])
+        errors.append((trace.simulated - twin.prepare_for(trace).recorded_force)[trace.usable])
     matrix, error = np.concatenate(parts), np.concatenate(errors)
     size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-9)
     weights = np.linalg.lstsq(matrix / size, error, rcond=None)[0] / size

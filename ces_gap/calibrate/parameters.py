@@ -27,7 +27,7 @@ from ces_gap.limits import EvidenceLimits, ParameterLimits
 from ces_gap.trace import Trace, TraceInputs, resample_to_grid, usable_values
 from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import Simulation
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 
 FIRST_STEP, MIN_STEP, MAX_STEP = 0.02, 1e-4, 0.25  # of a parameter's size, by which it is changed for a derivative
 
@@ -206,11 +206,12 @@ def choose_free(simulation: Simulation, words: Sequence[str], spec: str) -> Free
     for name in ranges:
         if name not in declared:
             has = f"it has {', '.join(declared)}" if declared else "it declares none by keyword-only arguments"
-            raise GapError(f"--fit {name}: {spec} has no such parameter; {has}")
+            raise GapError(OptionName("fit", name), f": {spec} has no such parameter; {has}")
     chosen = [p for p in declared.values() if not ranges or p.name in ranges]
     skipped = {p.name: _why_not(p) for p in chosen if ranges.get(p.name) is None and _why_not(p)}
     if ranges and skipped:
-        raise GapError("; ".join(f"--fit {name}: {why}" for name, why in skipped.items()))
+        name, why = next(iter(skipped.items()))
+        raise GapError(OptionName("fit", name), f": {why}")
     whole = {p.name: _whole_values(p, ranges[p.name]) for p in chosen if p.whole and p.name not in skipped}
     free = FreeParameters(
         tuple(_as_searched(p, ranges.get(p.name)) for p in chosen if not p.whole and p.name not in skipped),
@@ -218,9 +219,8 @@ def choose_free(simulation: Simulation, words: Sequence[str], spec: str) -> Free
         tuple(f"{name} is not fitted: {why}" for name, why in skipped.items()),
     )
     if len(free.trials) > ParameterLimits.MAX_TRIALS:
-        raise GapError(
-            f"--fit: {len(free.trials)} combinations of whole numbers; expected at most {ParameterLimits.MAX_TRIALS}"
-        )
+        count, most = len(free.trials), ParameterLimits.MAX_TRIALS
+        raise GapError(OptionName("fit"), f": {count} combinations of whole numbers; expected at most {most}")
     return free
 
 
@@ -235,18 +235,17 @@ def _read_word(word: str) -> tuple[str, tuple[float, float] | None]:
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise ValueError
     except ValueError:
-        raise GapError(f"--fit {word}: expected NAME or NAME=LOW..HIGH, as knee_m_s=0.05..0.3") from None
+        expected = ": expected NAME or NAME=LOW..HIGH, as knee_m_s=0.05..0.3"
+        raise GapError(OptionName("fit", word), expected) from None
     return match[1], (low, high)
 
 
 def _why_not(p: Parameter) -> str:
     """Return why a parameter cannot be fitted without a range, empty if it can."""
     if p.whole:
-        return (
-            f"it is a whole number ({p.default:g}); give --fit {p.name}=LOW..HIGH to try each, or write {p.default:g}.0"
-        )
+        return f"it is a whole number ({p.default:g}); give {p.name}=LOW..HIGH to try each, or write {p.default:g}.0"
     if p.default == 0.0 and not (math.isfinite(p.low) and math.isfinite(p.high)):
-        return f"its default of 0 gives no range; give --fit {p.name}=LOW..HIGH"
+        return f"its default of 0 gives no range; give {p.name}=LOW..HIGH"
     return ""
 
 
@@ -263,5 +262,6 @@ def _as_searched(p: Parameter, ends: tuple[float, float] | None) -> EffectParame
         low, high = p.low, p.high
     start = min(max(p.default, low), high)
     if not low < high or start != p.default:
-        raise GapError(f"--fit {p.name}={low:g}..{high:g}: expected a range around its default of {p.default:g}")
+        given = OptionName("fit", f"{p.name}={low:g}..{high:g}")
+        raise GapError(given, f": expected a range around its default of {p.default:g}")
     return EffectParameter(p.name, low, high, (start,), f"default {p.default:.4g}", "log" if low > 0.0 else "linear")

@@ -26,12 +26,13 @@ from ces_identify.limits import LackLimits
 from ces_identify.simulations.simulate import sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.validation.evaluate import describe_held, find_outside
+from ces_observer.errors import OptionName
 from ces_observer.model import Model
 
 AROUND_S = 0.01  # [s] on both sides of a saturated sample that filters spread it over
-REAL, HELD_OUT, REFERENCE = "--real", "--held-out", "--reference"
+REAL, HELD_OUT, REFERENCE = map(OptionName, ("real", "held_out", "reference"))
 WHY = {
-    HELD_OUT: "held-out recordings must not be fitted: without --held-out a part of --real is set aside",
+    HELD_OUT: "held-out recordings must not be fitted; without any, a part of the real ones is set aside",
     REFERENCE: "references must be free of the effect",
 }
 
@@ -94,8 +95,8 @@ def require_distinct(real: Sequence[Recording], held_out: Sequence[Recording], r
         if shared := shared_content(recording, another):
             names = recording.name if recording.name == another.name else f"{recording.name} and {another.name}"
             if role == other_role:
-                raise GapError(f"{names}: {shared}, twice under {role}; pass each recording once")
-            raise GapError(f"{names}: {shared}, under {role} and {other_role}; {WHY[other_role]}")
+                raise GapError(f"{names}: {shared}, twice under ", role, "; pass each recording once")
+            raise GapError(f"{names}: {shared}, under ", role, " and ", other_role, f"; {WHY[other_role]}")
 
 
 def exclude_saturated_ticks(trace: Trace) -> Trace:

@@ -133,7 +133,7 @@ def _require_time(fitted: Sequence[Trace]) -> None:
     if seconds < RecordingLimits.MIN_FIT_S:
         raise GapError(
             f"{', '.join(t.name for t in fitted)}: {seconds:.1f} s remain for the fit; "
-            f"expected at least {RecordingLimits.MIN_FIT_S:g} s; pass longer or more --real recordings"
+            f"expected at least {RecordingLimits.MIN_FIT_S:g} s; pass longer or more real recordings"
         )
 
 

@@ -19,9 +19,9 @@ from ces_identify.identification import identify
 from ces_identify.jobs import DONE, JobResult, Row, run_job
 from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics.search import INTERRUPTED
-from ces_identify.options import build_identify_options
-from ces_identify.structures import KITS
+from ces_identify.options import IdentifyRequest
 from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation
+from ces_observer.errors import OptionName
 
 REST = "rest"  # the part of a recording after `split`, as a validation set
 COUNTED = ("terms", "units", "rules", "curves")
@@ -32,17 +32,15 @@ def compute_cell(job: CampaignJob, recordings: Sequence[Recording], _: Sequence[
 
     A search that Ctrl-C interrupted raises KeyboardInterrupt: it is not the cell's result.
     """
-    return run_job(job, partial(_identify_cell, job, recordings))
+    return run_job(job, partial(_identify_cell, job, recordings), OptionName.as_key)
 
 
 def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResult:
     began, count, settings = time.monotonic(), len(job.recordings), job.cell.settings
     rate = None if settings["rate"] == AUTO else float(settings["rate"])
-    options = build_identify_options(
-        {**asdict(job.limits), **settings, "rate": rate, "split": job.split, "candidates": job.rules}
-    )
-    fitter = KITS[job.cell.structure].fitter(settings)
-    result = identify(recordings[:count], recordings[count:], options, fitter=fitter)
+    given = {**asdict(job.limits), **settings, "rate": rate, "split": job.split, "candidates": job.rules}
+    request = IdentifyRequest.of({**given, "structure": job.cell.structure})
+    result = identify(recordings[:count], recordings[count:], request.options(), fitter=request.fitter())
     if any(start.ended == INTERRUPTED for start in result.search_results):
         raise KeyboardInterrupt
     result = result.require_explained(job.found, job.ignore_findings)

@@ -41,7 +41,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from ces_identify.export.c_printer import read_core
 from ces_observer import __version__
 from ces_observer.core import tick_digest
-from ces_observer.errors import CesError, ModelError
+from ces_observer.errors import CesError, ModelError, OptionName
 from ces_observer.estimator import EstimatorArrays, lay_out_estimator
 from ces_observer.flat import Arrays
 from ces_observer.model import Model
@@ -295,8 +295,8 @@ def find_compiler() -> list[str]:
         if shutil.which(command[0]):
             return command
     problem = f"CC={chosen[0]} is not found" if chosen else "no C compiler found (cc, gcc or clang)"
-    remedy = "install one (sudo apt install gcc), or give --sources-only to write an FMU that is compiled elsewhere"
-    raise CesError(f"{problem}; {remedy}")
+    remedy = "; install one (sudo apt install gcc), or give ", OptionName("sources_only", True)
+    raise CesError(problem, *remedy, " to write an FMU that is compiled elsewhere")
 
 
 def binary_path(name: str) -> str:
@@ -342,14 +342,14 @@ def _compile_library(compiler: Sequence[str], name: str, files: Mapping[str, byt
             if path.startswith("sources/"):
                 (Path(folder) / Path(path).name).write_bytes(content)
         command = [*compiler, *_arguments(name, "library")]
-        remedy = "name another in CC, or give --sources-only"
+        remedy = "; name another in CC, or give ", OptionName("sources_only", True)
         try:
             run = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=COMPILE_S, check=False)
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise CesError(f"{command[0]}: cannot compile ({error}); {remedy}") from None
+            raise CesError(f"{command[0]}: cannot compile ({error})", *remedy) from None
         if run.returncode:
             message = next((line for line in run.stderr.splitlines() if "error" in line), f"status {run.returncode}")
-            raise CesError(f"{command[0]}: {message} ({platform.machine()}); {remedy}")
+            raise CesError(f"{command[0]}: {message} ({platform.machine()})", *remedy)
         return (Path(folder) / "library").read_bytes()
 
 

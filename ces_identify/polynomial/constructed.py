@@ -15,14 +15,14 @@ import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.search import Limits, SearchResult, SearchStart, clock_s
-from ces_identify.polynomial.candidates import CandidateRules, SignalRule
+from ces_identify.polynomial.candidate_rules import CandidateRules, SignalRule
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen, signal_values
 from ces_identify.polynomial.rules_file import FIRST_GUESS_S, constructions_from
 from ces_identify.polynomial.selection import GaussNewtonSearch
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import (
     BASE,
@@ -54,7 +54,8 @@ def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
         raise CesError(f"'{spec}': expected SIGNAL:A,B,... with a signal among {', '.join(signals)}")
     name = f"by_{of}"
     if name in rules.constructed:
-        raise CesError(f"constructed input '{name}': is defined already; give --blend once for a signal")
+        once = OptionName("blend")
+        raise CesError(f"constructed input '{name}': is defined already; give ", once, " once for a signal")
     try:
         peaks = [float(peak) for peak in text.split(",") if peak]
     except ValueError:
@@ -120,7 +121,7 @@ def _scored_values(signal: str, definition: ConstructedInput | None, series: Seq
     """Return the values (n,) of a signal on all scored ticks."""
     definitions, values = [] if definition is None else [definition], []
     for s in series:
-        by_signal = signal_values(definitions, ANYTHING, (s.position, s.speed, s.current), s.segments, s.rate_Hz)
+        by_signal = signal_values(definitions, ANYTHING, s.inputs, s.segments, s.rate_Hz)
         values.append(by_signal[signal][s.scored])
     return np.concatenate(values)
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ces_data.arrays import F, Mask
 from ces_identify.limits import TickLimits, WeightLimits
 from ces_identify.prepare.series import Series
-from ces_observer.errors import CesError, RecordingError
+from ces_observer.errors import CesError, OptionName, RecordingError
 from ces_observer.structures.structure import Range
 
 
@@ -146,8 +146,9 @@ def _parse_region(word: str) -> Region:
         if signal in SIGNALS and least < low < high < math.inf and 0.0 <= weight <= WeightLimits.MAX_WEIGHT:
             return Region(signal, (low, high), weight, word)
     raise CesError(
-        f"--weight '{word}': expected {FORMS}, with SPEED above 0 m/s, CENTRAL_SHARE above 0 and below 1, FROM below "
-        f"TO (m/s, A or m), and W from 0 to {WeightLimits.MAX_WEIGHT:g}"
+        OptionName("weight", word),
+        f": expected {FORMS}, with SPEED above 0 m/s, CENTRAL_SHARE above 0 and below 1, FROM below TO (m/s, A or m), "
+        f"and W from 0 to {WeightLimits.MAX_WEIGHT:g}",
     )
 
 

@@ -22,7 +22,7 @@ from ces_data.samples import remove_spikes
 from ces_identify.limits import SamplingLimits, TickLimits
 from ces_identify.prepare.series import Tracked, select_samples, track, usable_samples
 from ces_observer.bank_design import ACCELERATION, SPEED
-from ces_observer.errors import RecordingError
+from ces_observer.errors import OptionName, RecordingError
 from ces_observer.limits import FileLimits
 from ces_observer.model import FREQUENCIES_HZ, Sampling
 
@@ -134,7 +134,7 @@ def choose_sampling(
     speed = max(float(f"{_rms([speed_rms(s) for s in spectra]):.3g}"), SamplingLimits.MIN_SPEED_M_S)
     density = float(np.mean([noise_density(s) for s in spectra]))
     ticks, wider_Hz = SamplingLimits.TICKS_A_PERIOD, SamplingLimits.WIDER_HZ
-    widest = min(slowest, ticks * wider_Hz[-1][-1]) if rate_Hz is None else rate_Hz
+    widest = min(slowest, ticks * wider_Hz[-1]) if rate_Hz is None else rate_Hz
     sampling = Sampling(
         widest, 1.0, speed, believed_stroke(recordings), 1.0, max_gap_s=gap,
         motion=choose_motion(recordings) if motion is None else motion,
@@ -142,7 +142,7 @@ def choose_sampling(
     if sampling.motion:
         noise = _rms([measure_motion_noise(recording, sampling) for recording in recordings])
         sampling = replace(sampling, motion_noise=float(f"{max(noise, 1e-9):.3g}"))
-    chosen, innovation = _most_likely(recordings, sampling, density, (FREQUENCIES_HZ, *wider_Hz))
+    chosen, innovation = _most_likely(recordings, sampling, density, (FREQUENCIES_HZ, wider_Hz))
     enough_Hz = max(SamplingLimits.MIN_RATE_HZ, ticks * chosen.frequencies_Hz[-1])
     rate = min(widest, enough_Hz) if rate_Hz is None else rate_Hz
     if rate != widest:
@@ -204,8 +204,9 @@ def require_delay(delay_s: float, rate_Hz: float) -> float:
     if not (0.0 <= delay_s <= FileLimits.MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
         near = round(ticks) if np.isfinite(ticks) else 1
         raise RecordingError(
-            f"--delay {delay_s:g}: expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) "
-            f"from 0 to {FileLimits.MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, FileLimits.MAX_DELAY_S):g}"
+            OptionName("delay", delay_s),
+            f": expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) from 0 to "
+            f"{FileLimits.MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, FileLimits.MAX_DELAY_S):g}",
         )
     return round(ticks) / rate_Hz
 
@@ -228,7 +229,8 @@ def _require_rate(recordings: Sequence[Recording], rates: Sequence[float], rate_
     slowest, name = min(zip(rates, (recording.name for recording in recordings), strict=True), key=lambda pair: pair[0])
     if rate_Hz is not None and rate_Hz > SamplingLimits.RATE_SLACK * slowest:
         data = f"the positions in {name} are at {slowest:.5g} Hz"
-        raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
+        advice = "; choose at most that, or leave the rate out"
+        raise RecordingError(OptionName("rate", rate_Hz), f": {data}{advice}")
 
 
 def choose_motion(recordings: Sequence[Recording], speed: str | None = None) -> str:
@@ -238,7 +240,8 @@ def choose_motion(recordings: Sequence[Recording], speed: str | None = None) -> 
     optional; the speed if they have both.
     """
     if speed == MEASURED and (lacks := next((r.name for r in recordings if SPEED not in r.channels), "")):
-        raise RecordingError(f"{lacks}: no measured speed; describe 'speed' in the signals file, or remove --speed")
+        remedy = "describe 'speed' in the signals file, or remove "
+        raise RecordingError(f"{lacks}: no measured speed; {remedy}", OptionName("speed"))
     names = [r.channels.keys() - r.optional for r in recordings] if speed is None else []
     signal = next((name for name in (SPEED, ACCELERATION) if all(name in own for own in names)), "")
     return signal if speed is None else SPEED if speed == MEASURED else ""

@@ -38,7 +38,7 @@ from ces_identify.numerics.search import (
 from ces_identify.prepare.series import Series
 from ces_identify.structures.kit import Fitted, IdentifyOptions, require_models
 from ces_identify.training import LAG_SETS, Family, LagCounts, Lags, Training, build_training
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Model, Sampling
 from ces_observer.proof.certificate import largest_gain
 from ces_observer.structures.lagged_signals import longest_lags
@@ -94,7 +94,8 @@ class LaggedShape(ABC):
         if options.certificate:
             certificate = model.certify()
             if not certificate.holds:
-                raise CesError("the model could not be proved stable; try other sizes or give --no-certificate")
+                advice = "try other sizes or give "
+                raise CesError(f"the model could not be proved stable; {advice}", OptionName("certificate", False))
             model = replace(model, certificate=certificate.to_mapping())
         how = {"method": "Levenberg-Marquardt on the free-run error, stopped early", "parameters": len(params)}
         return Fitted(model, results, how, partial(_refit, family, params, sampling))

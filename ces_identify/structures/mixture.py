@@ -10,7 +10,7 @@ import numpy as np
 from ces_data.arrays import F, I, Mask
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import Fitter, Size, StructureKit
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Model
 from ces_observer.structures.mixture import Mixture, WeightedModel
 from ces_observer.structures.structure import OperatingRange
@@ -59,7 +59,8 @@ def mixture_table(body: Mixture, model: Model, runs: Sequence[SimulatedSeries], 
 
 
 def _refuse(sizes: Mapping[str, Size]) -> Fitter:
-    raise CesError("a mixture is no structure to fit: `--structure auto` makes it of the models that it has fitted")
+    auto = OptionName("structure", "auto")
+    raise CesError("a mixture is no structure to fit: ", auto, " makes it of the models that it has fitted")
 
 
 MIXTURE = StructureKit(

@@ -16,11 +16,11 @@ from numpy.random import Generator
 from scipy.signal import butter, sosfiltfilt
 
 from ces_data.arrays import F
+from ces_data.waveforms.currents import Binary, ConstantLevel, FilteredNoise, Prbs, StrokeFollowing
+from ces_data.waveforms.sequences import Current, Shape
+from ces_data.waveforms.strokes import FrequencyModulated, NoiseStroke, RoadStroke, fade
 from ces_rig.dampers.model import DamperModel
 from ces_rig.errors import RigError
-from ces_rig.experiments.currents import Binary, ConstantLevel, FilteredNoise, Prbs, StrokeFollowing
-from ces_rig.experiments.sequences import Current, Shape
-from ces_rig.experiments.strokes import FrequencyModulated, NoiseStroke, RoadStroke, fade
 from ces_rig.sensors import GRID_S
 
 RICH, ROAD, CONSTANT = "rich", "road", "constant_current"

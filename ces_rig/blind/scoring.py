@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F
-from ces_observer.errors import CesError
-from ces_rig.blind.cases import open_arrays, read_seal
+from ces_observer.errors import CesError, OptionName
+from ces_rig.blind.cases import CaseLabel, open_arrays, read_seal
 from ces_rig.blind.draw import HELD_OUT
 
 Arrays = Mapping[str, F]
@@ -57,11 +57,13 @@ class Mode:
 
     def __post_init__(self) -> None:
         if self.simulation not in SIMULATIONS:
-            raise CesError(f"--simulation '{self.simulation}': expected one of {', '.join(SIMULATIONS)}")
+            expected = f": expected one of {', '.join(SIMULATIONS)}"
+            raise CesError(OptionName("simulation", self.simulation), expected)
         if not 0 <= self.references <= MAX_REFERENCES:
-            raise CesError(f"--references {self.references}: expected 0 to {MAX_REFERENCES}")
+            raise CesError(OptionName("references", self.references), f": expected 0 to {MAX_REFERENCES}")
         if self.simulation == IDENTIFIED and self.references == 0:
-            raise CesError("--simulation identified: a model is identified from references; add --references 5")
+            needs = ": a model is identified from references; add "
+            raise CesError(OptionName("simulation", IDENTIFIED), needs, OptionName("references", 5))
 
     @property
     def name(self) -> str:
@@ -171,13 +173,13 @@ class CaseOutcome:
 
 
 def build_case_outcome(
-    label: Mapping[str, Any], gap: Mapping[str, Any], figures: Mapping[str, float], seconds: float, mode: Mode
+    label: CaseLabel, gap: Mapping[str, Any], figures: Mapping[str, float], seconds: float, mode: Mode
 ) -> CaseOutcome:
     """Return the record of a case from its label and its `gap.json`."""
     causes, rest = gap["causes"], gap["probabilities"]
     return CaseOutcome(
-        **{key: label[key] for key in SAME},
-        truth=tuple(effect["name"] for effect in label["effects"]),
+        **{key: getattr(label, key) for key in SAME},
+        truth=tuple(effect.name for effect in label.effects),
         verdict=gap["verdict"],
         ranked=tuple(cause["effect"] for cause in causes),
         probability={**{c["effect"]: c["probability"] for c in causes}, NONE: rest["none"], UNKNOWN: rest["unknown"]},
@@ -205,12 +207,12 @@ def find_modes(results: Sequence[Path], cases: Path) -> Iterator[tuple[Path, Mod
 
 
 def score_cases(
-    cases: Path, results: Path, labels: Iterable[dict[str, Any]], mode: Mode
+    cases: Path, results: Path, labels: Iterable[CaseLabel], mode: Mode
 ) -> tuple[list[CaseOutcome], dict[str, str]]:
     """Return the outcomes of the diagnosed cases, and the reasons of failures, which count as wrong."""
     outcomes, failed = [], {}
     for label in labels:
-        case_results = results / label["case"]
+        case_results = results / label.case
         if not (case_results / ROW).is_file():
             continue
         row = _json(case_results / ROW)
@@ -218,11 +220,11 @@ def score_cases(
             outcomes.append(_score_case(cases, case_results, label, row["seconds"], mode))
         else:
             outcomes.append(build_case_outcome(label, FAILED_DIAGNOSIS, {"closure": 0.0}, row["seconds"], mode))
-            failed[label["case"]] = row["reason"]
+            failed[label.case] = row["reason"]
     return outcomes, failed
 
 
-def _score_case(cases: Path, results: Path, label: dict[str, Any], seconds: float, mode: Mode) -> CaseOutcome:
+def _score_case(cases: Path, results: Path, label: CaseLabel, seconds: float, mode: Mode) -> CaseOutcome:
     gap, truth = _json(results / GAP), open_arrays(cases, label)
     with np.load(results / REPLAY, allow_pickle=False) as arrays:
         replay = {name: arrays[name].astype(np.float64) for name in arrays.files}

@@ -20,11 +20,11 @@ from ces_observer.fields import REQUIRED
 from ces_observer.json_text import write_atomically
 from ces_observer.records import quantity
 from ces_rig.errors import RigError
+from ces_rig.limits import ExperimentLimits
 
 INTERVAL_S = 1e-3  # [s] grid of all designed experiments
 NEED = ("position", "current", "force")  # channels of every recording
 HEADER = "time_s,stroke_m,current_A"
-TOLERANCE = 1e-4  # relative, and in amperes: rounding of the file's digits
 FORMAT = ("%.4f", "%.9f", "%.5f")
 
 
@@ -128,10 +128,10 @@ class RigLimits:
             "acceleration": (np.abs(acceleration).max(), self.acceleration_m_s2, "m/s²"),
         }
         for name, (peak, limit, unit) in peaks.items():
-            if peak > limit * (1.0 + TOLERANCE):
+            if peak > limit * (1.0 + ExperimentLimits.TOLERANCE):
                 yield f"{name} {peak:.4g} {unit} exceeds {limit:g} {unit}"
         low, high = commands.current_A.min(), commands.current_A.max()
-        if low < self.low_A - TOLERANCE or high > self.high_A + TOLERANCE:
+        if low < self.low_A - ExperimentLimits.TOLERANCE or high > self.high_A + ExperimentLimits.TOLERANCE:
             yield f"current {low:.4g} to {high:.4g} A leaves {self.low_A:g} to {self.high_A:g} A"
 
     def require_within(self, commands: RigCommands) -> RigCommands:

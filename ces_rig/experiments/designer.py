@@ -17,6 +17,7 @@ from scipy.signal import savgol_filter
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
+from ces_data.waveforms.strokes import smooth_step
 from ces_identify.prepare.series import hold_current
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Model
@@ -24,17 +25,15 @@ from ces_rig.errors import RigError
 from ces_rig.experiments.commands import INTERVAL_S, HeatLimits, RigCommands, RigLimits
 from ces_rig.experiments.information import EVERY_S, Features, Information, scaled_state, series_of
 from ces_rig.experiments.random_motions import draw_current, draw_motion, peak_share
-from ces_rig.experiments.strokes import smooth_step
+from ces_rig.limits import ExperimentLimits
 
 BLEND_S = 0.4  # of the transition between two motions, and from and to rest
 BLEND = smooth_step((np.arange(round(BLEND_S / INTERVAL_S)) + 1) / (round(BLEND_S / INTERVAL_S) + 1))
 CANDIDATES = 120  # for each slot
 MAX_DRAWS = 20  # for each candidate, until one keeps the limits
 SLOT_S = 2.5  # about the length of a motion
-MARGIN = 0.002  # below the limits: differences of samples are a little below the peaks of the spline
 SMOOTHING = 21  # grid points of the quadratic smoothing of a recorded stroke
 MAX_AGE_S = 1.0  # of a recorded current that is held
-START_SHARE = 0.5  # of the heat limit: the load at which an experiment may begin
 
 PowerModel = Callable[[F, F], F]
 """Dissipated power [W] (n,) of stroke [m] and current [A], each (n,) on the commands' grid."""
@@ -129,7 +128,7 @@ def _draw_candidate(
         stroke[count:] = limits.centre_m
     current = draw_current(limits, count, rng)
     joined = np.concatenate([before.slot[-2:], stroke])
-    if peak_share(joined - limits.centre_m, limits) > 1.0 - MARGIN:
+    if peak_share(joined - limits.centre_m, limits) > 1.0 - ExperimentLimits.MARGIN:
         return None
     load = np.full(1, before.load_W)
     if limits.heat.power_W > 0.0:
@@ -197,5 +196,5 @@ def make_power_model(model: Model | None, heat: HeatLimits) -> PowerModel:
 
 def plan_rest(heat: HeatLimits, load_W: float) -> tuple[float, float]:
     """Return the rest [s] that a damper needs before an experiment, and its load [W] afterwards."""
-    rest = heat.cool_down_s(load_W, START_SHARE * heat.power_W)
+    rest = heat.cool_down_s(load_W, ExperimentLimits.START_LOAD * heat.power_W)
     return rest, load_W * float(np.exp(-rest / heat.memory_s))

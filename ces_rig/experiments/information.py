@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -25,6 +24,7 @@ from ces_identify.validation.band import band_half_width
 from ces_observer.model import Model
 from ces_rig.experiments.commands import INTERVAL_S, RigCommands, RigLimits
 from ces_rig.experiments.random_motions import draw_current, draw_motion
+from ces_rig.limits import ExperimentLimits
 
 STATE = ("stroke", "speed", "current", "change of speed", "change of current")
 SCALES = np.array([1.2, 0.45, 0.7, 0.6, 0.9])  # of the kernel, in units of the scaled state
@@ -106,7 +106,6 @@ def draw_pool(limits: RigLimits, seed: int) -> Pool:
 
 EVERY_S = 0.02  # [s] between the rows of an experiment that count as independent
 ERROR_VARIANCE = 0.15  # s²: of the error of one row, relative to the prior variance of the force
-KNOWN_VARIANCE = 0.01  # of a state that counts as covered: its force is known to a tenth of what it could be
 
 
 @dataclass(frozen=True)
@@ -133,7 +132,7 @@ class Information:
 
     def coverage(self, rows: F) -> float:
         """Return the share of the states with these rows (n, features) that count as covered."""
-        return float(np.mean(self.variance(rows) <= KNOWN_VARIANCE))
+        return float(np.mean(self.variance(rows) <= ExperimentLimits.KNOWN_VARIANCE))
 
     def weigh(self, targets: F, weights: F) -> F:
         """Return C T C, which `gain` needs, for targets (m, features) with weights (m,)."""
@@ -215,11 +214,26 @@ PARTS = 6  # of each axis, with equally many targets
 HISTORY = {"change of speed": "speed against its last 20 ms", "change of current": "current against its last 20 ms"}
 
 
-def find_least_known(pool: Pool, unknown: F, variance: F) -> list[dict[str, Any]]:
-    """Return the least known range of each axis: `low` to `high` in `unit`, as in the line of an iteration.
+@dataclass(frozen=True)
+class LeastKnownRegion:
+    """The least known range of an axis, `low` to `high` in `unit`.
 
-    Its `unknown` is the share of the force relative to the mean of all targets. The given `unknown` (targets,) is the
-    relative variance that the design lowers, `variance` (targets,) that of the features.
+    `unknown` is the share of the force relative to the mean of all targets, `coverage` the share of covered states.
+    """
+
+    axis: str
+    unit: str
+    low: float
+    high: float
+    unknown: float
+    coverage: float
+
+
+def find_least_known(pool: Pool, unknown: F, variance: F) -> tuple[LeastKnownRegion, ...]:
+    """Return the least known range of each axis.
+
+    The given `unknown` (targets,) is the relative variance that the design lowers, `variance` (targets,) that of the
+    features.
     """
     axes = {
         "stroke": ("m", pool.stroke_m), "speed": ("m/s", pool.speed_m_s), "current": ("A", pool.current_A),
@@ -231,8 +245,8 @@ def find_least_known(pool: Pool, unknown: F, variance: F) -> list[dict[str, Any]
         part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, PARTS - 1)
         means = np.array([unknown[part == k].mean() if (part == k).any() else 0.0 for k in range(PARTS)])
         least = int(np.argmax(means))
-        region = {"axis": axis, "unit": unit, "low": float(edges[least]), "high": float(edges[least + 1])}
+        ends = float(edges[least]), float(edges[least + 1])
         relative = float(means[least] / max(float(unknown.mean()), 1e-300))
-        known = float(np.mean(variance[part == least] <= KNOWN_VARIANCE))
-        regions.append({**region, "unknown": relative, "coverage": known})
-    return regions
+        known = float(np.mean(variance[part == least] <= ExperimentLimits.KNOWN_VARIANCE))
+        regions.append(LeastKnownRegion(axis, unit, *ends, relative, known))
+    return tuple(regions)

@@ -17,11 +17,11 @@ from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F, I
+from ces_data.waveforms.sequences import Shape
+from ces_data.waveforms.strokes import REAR, Common, NoiseStroke, Rest, Sine, Stroke, Sweep, Triangle, smooth_step
 from ces_observer.records import choice, quantity
 from ces_rig.dampers.stepper import spline_speed
 from ces_rig.errors import RigError
-from ces_rig.experiments.sequences import Shape
-from ces_rig.experiments.strokes import REAR, Common, NoiseStroke, Rest, Sine, Stroke, Sweep, Triangle, smooth_step
 from ces_rig.sensors import make_rng
 
 BLOCK = 200  # grid points computed at once; a changed script waits for the next block

@@ -34,6 +34,7 @@ from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_rema
 from ces_observer.nodes.parameters import TableNode, declare_table
 from ces_rig import drive as qv
 from ces_rig.errors import RigError
+from ces_rig.limits import LiveLimits
 from ces_rig.live.rig import (
     LIVE,
     OF_THE_NODE,
@@ -51,8 +52,6 @@ from ces_rig.live.timing import Lockstep, Pace
 SECOND_NS = 1_000_000_000
 CLOCK_START_NS = SECOND_NS  # of simulated time; in ROS, 0 means that there is no time yet
 AT_ONCE = 50  # ticks between two checks for commands
-LAG_S = 0.1  # lag above which the node warns
-DRIFT_S = 0.01  # drift of the system clock from the steady clock above which the stamps are corrected
 IDLE_S = 1e-3  # period of the timer when the readers of the samples set the pace
 MIN_PERIOD_S = 1e-4
 
@@ -239,13 +238,13 @@ class Rig(TableNode):
         if self._own.publish_clock:
             return
         off_ns = self.get_clock().now().nanoseconds - self._first_ns - int((monotonic() - self._begin_s) * SECOND_NS)
-        if abs(off_ns) > DRIFT_S * SECOND_NS:
+        if abs(off_ns) > LiveLimits.MAX_DRIFT_S * SECOND_NS:
             self.get_logger().warning(f"the system clock moved by {off_ns * 1e-9:.3f} s; the stamps follow it")
             self._first_ns += off_ns
 
     def _warn_of_lag(self) -> None:
         lag_s = 0.0 if self._free else self._pace.lag_s(monotonic())
-        if lag_s > LAG_S:
+        if lag_s > LiveLimits.MAX_LAG_S:
             self.get_logger().warning(
                 f"{lag_s:.2f} s behind: samples are late but correctly stamped; lower rate_hz or free the processor"
             )

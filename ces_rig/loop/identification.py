@@ -23,8 +23,6 @@ from ces_identify.numerics.search import INTERRUPTED, Listener, SearchResult
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.prepare.series import Series, prepare
-from ces_identify.structures import KITS
-from ces_identify.structures.auto import default_sizes, select_fitter
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, cost_interval, evaluate, pooled_cost
 from ces_observer.model import Model, Sampling
@@ -45,9 +43,8 @@ def identify_all(
     Raises CesError if the recordings contradict each other or hold too little; Ctrl-C leaves no model.
     """
     require_consistent(recordings)
-    options, sizes = plan.options(seed), default_sizes()
-    # the costs of other structures, which `ces identify` adds, are left out
-    fitter = KITS[plan.structure].fitter(sizes) if plan.structure in KITS else select_fitter(plan.structure, sizes)
+    request = plan.request(seed)
+    options, fitter = request.options(), request.fitter()
     if previous is not None and isinstance(previous.body, Polynomial):
         options, fitter = replace(options, rate=previous.sampling.rate_Hz), refitter(previous)
     with interruptible():

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_data.config_file import packaged_text, read_yaml_mapping
-from ces_identify.options import DELAY, STARTS, TERMS, THREADS, TIME, build_identify_options, structure_option
-from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.options import DELAY, STARTS, TERMS, THREADS, TIME, IdentifyRequest, structure_option
 from ces_observer.records import choice, declare, in_files, part, quantity, read_record
 from ces_observer.structures import STRUCTURES
 from ces_rig.errors import RigError
@@ -56,9 +55,9 @@ class IdentifyPlan:
     threads: int = declare(replace(THREADS, default=2))
     delay: float = declare(DELAY)
 
-    def options(self, seed: int) -> IdentifyOptions:
-        """Return the options of an identification on the whole of all recordings."""
-        return build_identify_options({**vars(self), "seed": seed, "split": 1.0})
+    def request(self, seed: int) -> IdentifyRequest:
+        """Return the request for an identification on the whole of all recordings."""
+        return IdentifyRequest(**vars(self), seed=seed, split=1.0)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from ces_data.logs.log_import import import_log
 from ces_data.logs.log_mapping import DynoMapping, load_dyno_mapping
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
+from ces_data.waveforms.strokes import smooth_step
 from ces_observer.errors import CesError
 from ces_observer.fields import Field
 from ces_observer.json_text import write_atomically
@@ -32,17 +33,14 @@ from ces_rig.dampers.model import DamperModel
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import NEED, RigCommands
-from ces_rig.experiments.strokes import smooth_step
 from ces_rig.experiments.virtual import load_description
+from ces_rig.limits import ExperimentLimits, LiveLimits
 from ces_rig.loop.plan import Plan
 from ces_rig.sensors import GRID_S, Sensors, Truth, measure_signals
 
 TOPIC_RIG = "ces_rig.loop.topic_rig"  # imported where it is needed only: it needs ROS 2
-FOLLOWS_S = 0.15  # the measured stroke is compared with the set points of so many last seconds
 DROP = "log"  # folder in an iteration's folder, for the operator
-MIN_SHARE = 0.9  # of the experiment's length that a log must hold
 TEMPORARY = (".tmp", ".part", ".partial", ".crdownload", ".filepart", "~")
-GRACE_S = 0.3  # after the start, until the first positions are due
 
 Mark = tuple[tuple[str, int, int], ...]
 """Names, sizes and times [ns] of all files of a log, to see whether it still changes."""
@@ -123,7 +121,7 @@ class FolderRig:
         require_usable(recording)
         stamps = recording.channel("position").stamps_ns
         length = float(stamps.max() - stamps.min()) * 1e-9
-        if length < MIN_SHARE * commands.duration_s:
+        if length < ExperimentLimits.MIN_LOG_SHARE * commands.duration_s:
             raise RigError(f"{path}: {length:.1f} s long; expected the whole of {commands.duration_s:.1f} s")
         return recording
 
@@ -235,14 +233,14 @@ class RunWatch:
     def __init__(self, settings: RosRigSettings, name: str, begin_s: float) -> None:
         self._settings, self._name, self._begin_s = settings, name, begin_s
         self._recent: list[float] = []
-        self._keep = max(1, round(FOLLOWS_S * settings.rate_hz))
+        self._keep = max(1, round(LiveLimits.FOLLOW_S * settings.rate_hz))
 
     def check(self, time_s: float, set_point_m: float, newest: tuple[float, float] | None) -> None:
         """Take the set point of `time_s` and the newest position as (time, stroke); raises RigError."""
         self._recent = [*self._recent[-self._keep :], set_point_m]
         heard_s = newest[0] if newest else self._begin_s
         silent = time_s - heard_s
-        if silent > self._settings.silence_s and time_s - self._begin_s > GRACE_S:
+        if silent > self._settings.silence_s and time_s - self._begin_s > LiveLimits.GRACE_S:
             raise RigError(f"{self._name}: no position for {silent:.2f} s; the run was broken off, check the rig")
         if newest is None:
             return

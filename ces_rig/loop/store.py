@@ -13,19 +13,24 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from math import nan
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
 from ces_data.bags.reader import RecordingWarning, read_recording
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
-from ces_observer.json_text import write_atomically
+from ces_observer.errors import OptionName
+from ces_observer.fields import REQUIRED, Field
+from ces_observer.json_text import quote, write_atomically
 from ces_observer.model import Model, load_model
+from ces_observer.records import declare, part, read_record, write_record
+from ces_observer.shapes import ByName
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import NEED, RigCommands, read_commands, write_commands
+from ces_rig.experiments.information import LeastKnownRegion
 from ces_rig.loop.plan import Plan, load_plan
 
 ROWS = "iterations.jsonl"
@@ -33,7 +38,17 @@ RECORDING = "recording"
 INPUTS = "inputs.json"
 SAME = ("rig", "seed", "recordings", "experiments")  # of a plan that goes on
 MODEL, REPORT, PLAN = "model.json", "report.html", "plan.yaml"
-MAY_BE_NONE = ("fresh_J", "fresh_high_J")
+
+
+def _read_cost(value: object) -> float:
+    """Return a cost, NaN for the null of a run that diverged."""
+    if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
+        return nan if value is None else float(value)
+    raise ValueError(f"{quote(value)}; expected a number or null")
+
+
+COST = Field(kind=object, make=_read_cost, text=lambda cost: cost if isfinite(cost) else None)
+FRESH = Field(default=None, kind=float, null=None, text=COST.text)
 
 
 @dataclass(frozen=True)
@@ -53,32 +68,30 @@ class Iteration:
     total_s: float
     rest_s: float
     load_W: float
-    fresh_J: float | None
-    fit_J: float
-    validation_J: dict[str, float]
-    coverage: float
-    disagreement: float
-    band: float
-    regions: list[dict[str, Any]]
-    model: str
-    fresh_high_J: float | None = None
+    fresh_J: float | None = declare(replace(FRESH, default=REQUIRED))
+    fit_J: float = declare(COST)
+    validation_J: Mapping[str, float] = part(kind=ByName(COST))
+    coverage: float = part()
+    disagreement: float = declare(COST)
+    band: float = declare(COST)
+    regions: tuple[LeastKnownRegion, ...] = part()
+    model: str = part()
+    fresh_high_J: float | None = declare(FRESH)
 
     def to_row(self) -> dict[str, Any]:
-        """Return the line's content, null for numbers that are not finite, such as the cost of a diverged run."""
-        row: dict[str, Any] = json.loads(json.dumps(asdict(self)), parse_constant=lambda _: None)
-        return {"key": str(self.number), **row}
+        """Return the line's content."""
+        return {"key": str(self.number), **write_record(self)}
 
     @staticmethod
     def from_row(row: dict[str, Any], where: Path) -> Iteration:
         """Return the iteration of a line; raises RigError if it is not one."""
-        known: dict[str, Any] = {
-            k: nan if v is None and k not in MAY_BE_NONE else v for k, v in row.items() if k != "key"
-        }
+        content = {key: value for key, value in row.items() if key != "key"}
         try:
-            known["validation_J"] = {k: nan if v is None else v for k, v in known["validation_J"].items()}
-            return Iteration(**known)
-        except (TypeError, KeyError, AttributeError):
-            raise RigError(f"{where}: a line is not from this version; start with another --out") from None
+            return read_record(Iteration, content, str(where), RigError)
+        except RigError as error:
+            raise RigError(
+                f"{error}: the line is from another version; start with another ", OptionName("out")
+            ) from None
 
 
 @dataclass(frozen=True)
@@ -95,7 +108,7 @@ class Step:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RigError(f"{folder}: cannot be made: {error.strerror}; choose another --out") from None
+            raise RigError(f"{folder}: cannot be made: {error.strerror}; choose another ", OptionName("out")) from None
         return Step(folder, number)
 
     def read_commands(self) -> RigCommands | None:
@@ -139,7 +152,7 @@ def keep_plan(root: Path, plan: Plan, text: str) -> None:
         before = load_plan(kept)
         for key in SAME:
             if getattr(before, key) != getattr(plan, key):
-                raise RigError(f"{root}: began with another '{key}' ({PLAN} there); choose another --out")
+                raise RigError(f"{root}: began with another '{key}' ({PLAN} there); choose another ", OptionName("out"))
     write_atomically(kept, text)
 
 
@@ -153,5 +166,7 @@ def keep_inputs(root: Path, plan: Plan, given: Sequence[Recording]) -> None:
     before = json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {}
     for text, digest in digests.items():
         if before.get(text, digest) != digest:
-            raise RigError(f"{plan.path(text)}: has changed since {root} began with it; choose another --out")
+            raise RigError(
+                f"{plan.path(text)}: has changed since {root} began with it; choose another ", OptionName("out")
+            )
     write_atomically(kept, json.dumps(digests, indent=1) + "\n")

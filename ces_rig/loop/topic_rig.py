@@ -28,11 +28,10 @@ from ces_observer.nodes.inputs import header_stamp_ns, is_stamped, message_class
 from ces_observer.signals import Constant, Signal, Signals
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import NEED, RigCommands
+from ces_rig.limits import LiveLimits
 from ces_rig.loop.rigs import RosRigSettings, RunWatch, smooth_move
 
-FIND_S = 30.0  # longest wait for the rig's topics
 AFTER_S = 0.2  # recorded after the last set point, and before the first
-SAFE_TIMES = 10  # set points of the safe current at the end: one alone may be lost
 QOS = QoSProfile(depth=2000, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 
 
@@ -97,10 +96,10 @@ class _Run:
         self._node.create_subscription(kind, signal.topic, hear, QOS)
 
     def _wait_for_rig(self) -> None:
-        deadline = time.monotonic() + FIND_S
+        deadline = time.monotonic() + LiveLimits.FIND_S
         while missing := self._find_missing():
             if time.monotonic() > deadline:
-                raise RigError(f"rig: {missing} after {FIND_S:g} s; is it running, in this ROS_DOMAIN_ID?")
+                raise RigError(f"rig: {missing} after {LiveLimits.FIND_S:g} s; is it running, in this ROS_DOMAIN_ID?")
             time.sleep(0.05)
 
     def _find_missing(self) -> str:
@@ -143,7 +142,7 @@ class _Run:
     def _stop(self, stroke_m: float) -> None:
         """Set the safe current, then move slowly to the end of the experiment, unless it is there already."""
         safe = Float64(data=self._settings.safe_current_A)
-        for _ in range(SAFE_TIMES):
+        for _ in range(LiveLimits.SAFE_TIMES):
             self._current.publish(safe)
             time.sleep(1.0 / self._settings.rate_hz)
         if self._last_m is not None and abs(self._last_m - stroke_m) > 1e-6:

@@ -7,7 +7,7 @@ import pytest
 
 from bench.gaps import calibrate
 from ces_gap.inference.judgement import VerdictFigures
-from ces_rig.blind.cases import write_seal
+from ces_rig.blind.cases import CaseLabel, WithheldLabel, write_seal
 
 KINDS = ("effect", "effect", "pair", "outside", "none")
 
@@ -28,18 +28,13 @@ def results(tmp_path):
     for i in range(100):
         kind = KINDS[i % len(KINDS)]
         names = {"effect": ["friction"], "pair": ["friction", "inertia"], "outside": ["mains_hum"]}.get(kind, [])
-        label = {
-            "case": f"{i:04d}",
-            "kind": kind,
-            "plant": "calibration",
-            "baseline_ratio": 0.5 * (i % 2),
-            "effects": [{"name": n} for n in names],
-        }
+        withheld = tuple(map(WithheldLabel, names))
+        label = CaseLabel(f"{i:04d}", kind, "calibration", baseline_ratio=0.5 * (i % 2), effects=withheld)
         labels.append(label)
-        (out / label["case"]).mkdir(parents=True)
+        (out / label.case).mkdir(parents=True)
         causes = [{"effect": "friction", "gain": 0.9}, {"effect": "inertia", "gain": 0.2}]
-        (out / label["case"] / "gap.json").write_text(json.dumps({"causes": causes, "composition": {"effects": names}}))
-        (out / label["case"] / "decision.json").write_text(json.dumps({"figures": figures(kind, rng)}))
+        (out / label.case / "gap.json").write_text(json.dumps({"causes": causes, "composition": {"effects": names}}))
+        (out / label.case / "decision.json").write_text(json.dumps({"figures": figures(kind, rng)}))
     (tmp_path / "cases").mkdir()
     published = write_seal(tmp_path, {"seed": 1}, labels)
     (out / "run.json").write_text(json.dumps({"simulation": "run", "references": 0, "seal": published}))

@@ -12,7 +12,7 @@ from pages import assert_self_contained
 from programs import ces, document_of, error_line, text_of
 
 from bench.gaps.users_dampers import record
-from ces_cli.schemas import build_schema
+from ces_cli.schema import build_schema
 from ces_cli.terminal.inputs import open_simulation
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_observer.signals import Signals

@@ -1,11 +1,10 @@
-"""The JSON Schemas and the loaders accept and refuse the same files."""
+"""The JSON Schemas: shipped files, templates and examples follow them, parameter files with a typo do not."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,20 +14,12 @@ import yaml
 from jsonschema import Draft7Validator
 
 from ces_cli.main import main
-from ces_cli.schemas import BUILDERS, build_schema
+from ces_cli.schema import BUILDERS, build_schema
 from ces_cli.terminal.outputs import make_schemas
 from ces_data.logs.log_mapping import TEMPLATE as IMPORT_TEMPLATE
-from ces_data.logs.log_mapping import load_dyno_mapping
-from ces_data.signals_file import load_signals
-from ces_identify.campaign import plan as campaign_plan
-from ces_identify.campaign.plan import CampaignError, load_campaign
-from ces_identify.polynomial.rules_file import built_in_rules, load_rules
+from ces_identify.polynomial.rules_file import built_in_rules
 from ces_identify.schema_files import ABOUT, KEYWORD, path_of_schema, schema_line
-from ces_observer.errors import CesError
-from ces_rig.experiments.virtual import load_description, load_experiment
 from ces_rig.loop.plan import TEMPLATE as ITERATE_TEMPLATE
-from ces_rig.loop.plan import load_plan
-from ces_rig.loop.rigs import open_rig
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = sorted(
@@ -128,36 +119,6 @@ def test_examples_in_the_documentation_follow_a_schema() -> None:
         assert [] in found.values(), f"{page}:\n{text}"
 
 
-def load_rig_damper(path: Path) -> object:
-    return load_description(path)
-
-
-def load_iterate(path: Path) -> object:
-    return open_rig(load_plan(path))
-
-
-LOADERS: dict[str, Callable[[Path], object]] = {
-    "signals": load_signals,
-    "import": load_dyno_mapping,
-    "candidates": load_rules,
-    "campaign": load_campaign,
-    "experiment": load_experiment,
-    "damper": load_rig_damper,
-    "iterate": load_iterate,
-}
-GOOD = {
-    "signals": "position: {topic: a, type: std_msgs/msg/Float64, field: data, scale: 0.001}\ncurrent: {constant: 0}\n",
-    "import": "time: {column: 0}\nposition: {column: x, scale: 1e-3}\ncurrent: {constant: 0}\nforce: {column: F}\n",
-    "candidates": "speed: {lags: [0, 3], powers: [0.5], forms: [magnitude]}\nforce: {lags: [1]}\nproducts: [[speed]]\n",
-    "campaign": "bags: {a: [x, y]}\nvalidate: {b: z}\nstructures: {sigmoid: {units: [4, 8]}}\nseed: [1, 2]\n",
-    "experiment": "stroke: {kind: sine, amplitude_m: 0.01, frequency_Hz: 2, fade_s: 1}\n"
-    "current: {kind: constant, current_A: 0.4}\ndamper: {seal: {coulomb_N: 40}}\nsensors: {force: {noise: 1}}\n",
-    "damper": "seal: {coulomb_N: 30, static_N: 50}\n",
-    "iterate": "limits: {stroke_m: 0.02, speed_m_s: 1, acceleration_m_s2: 50, low_A: 0.3, high_A: 0.6}\n"
-    "rig: {kind: virtual}\nstop: {budget_s: 30}\n",
-}
-
-
 def changed(text: str, path: tuple[str, ...], value: object) -> str:
     """Return a YAML text with the value at a path of keys replaced, or removed if `value` is `...`."""
     content = yaml.load(text, Loader)
@@ -169,72 +130,6 @@ def changed(text: str, path: tuple[str, ...], value: object) -> str:
     else:
         place[path[-1]] = value
     return yaml.safe_dump(content)
-
-
-WRONG: list[tuple[str, tuple[str, ...], object]] = [
-    ("signals", ("position", "topik"), "a"),
-    ("signals", ("position", "scale"), 0),
-    ("signals", ("position", "type"), "Float64"),
-    ("signals", ("current",), 3),
-    ("import", ("positon",), {"column": "x"}),
-    ("import", ("position", "colum"), "x"),
-    ("import", ("position",), {"column": "x", "constant": 1}),
-    ("import", ("force",), ...),
-    ("import", ("position", "unit"), "mm"),
-    ("import", ("blank",), "skip"),
-    ("import", ("rate",), 1000),
-    ("import", ("format",), "xls"),
-    ("candidates", ("speed", "lag"), [1]),
-    ("candidates", ("speed", "lags"), [-1]),
-    ("candidates", ("speed", "lags_ms"), [3]),
-    ("candidates", ("speed", "forms"), ["round"]),
-    ("candidates", ("constructed",), {"h": {"kind": "stop", "of": "position", "width": 1}}),
-    ("candidates", ("initial",), [[{"signal": "speed", "lags": 3}]]),
-    ("campaign", ("structure",), {}),
-    ("campaign", ("structures", "sigmoid", "units"), [4, 400]),
-    ("campaign", ("bags",), {"a b": ["x"]}),
-    ("campaign", ("limits",), {"seconds": 3}),
-    ("experiment", ("duration",), 3),
-    ("experiment", ("stroke", "kind"), "sinus"),
-    ("experiment", ("stroke", "amplitude_m"), ...),
-    ("experiment", ("damper", "seal", "coulomb_N"), -3),
-    ("damper", ("seals",), {}),
-    ("damper", ("kind",), "rubber"),
-    ("iterate", ("limits", "stroke_m"), ...),
-    ("iterate", ("limits", "heat"), {"power": 3}),
-    ("iterate", ("rig", "kind"), "real"),
-    ("iterate", ("identify",), {"structure": "best"}),
-]
-
-
-@pytest.mark.parametrize("name", GOOD)
-def test_what_the_loader_accepts_follows_the_schema(name: str, tmp_path: Path) -> None:
-    assert set(GOOD) == set(LOADERS)
-    file = tmp_path / "file.yaml"
-    file.write_text(GOOD[name])
-    LOADERS[name](file)
-    assert faults(name, GOOD[name]) == []
-
-
-@pytest.mark.parametrize(("name", "path", "value"), WRONG, ids=str)
-def test_what_the_loader_refuses_the_schema_refuses(
-    name: str, path: tuple[str, ...], value: object, tmp_path: Path
-) -> None:
-    file, text = tmp_path / "file.yaml", changed(GOOD[name], path, value)
-    file.write_text(text)
-    with pytest.raises(CesError):
-        LOADERS[name](file)
-    assert faults(name, text)
-
-
-def test_every_axis_of_a_campaign_has_a_schema_that_agrees() -> None:
-    probes = (0, 1, 4, -1, 200, 201, 0.5, 1e12, True, "auto", "both", None, [], [1, 1])
-    axes = [*campaign_plan.COMMON.values(), *(a for own in campaign_plan.STRUCTURES.values() for a in own.values())]
-    for axis in (campaign_plan.axis(option) for option in axes if option.check_text is None):
-        for probe in probes:
-            good = Draft7Validator(axis.schema).is_valid(probe)
-            with nullcontext() if good else pytest.raises(CampaignError):
-                axis.check(probe, axis.name, CampaignError)
 
 
 NODE_FILES = {"observer": "observer", "controller": "controller", "rig-node": "rig_live", "identify-node": "identify"}

@@ -82,7 +82,7 @@ def test_a_model_that_explains_nothing_is_refused_unless_one_goes_on(result):
 
     hopeless = replace(result, evaluations=weakened(0.0))
     found = [Finding("warning", "current: odd", "current"), Finding("warning", "force: late", "force")]
-    with pytest.raises(CesError, match=r"explains nothing of the force: J is 100\.\d % .*; force: late; --ignore"):
+    with pytest.raises(CesError, match=r"explains nothing of the force: J is 100\.\d % .*; force: late; ignore"):
         hopeless.require_explained(found)
     with pytest.raises(CesError, match="; the force does not follow these signals: check that topics"):
         hopeless.require_explained()

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
+from ces_data.waveforms.strokes import make_stroke
+from ces_observer.errors import CesError
 from ces_rig.dampers.hydraulic.parameters import parse_damper
-from ces_rig.errors import RigError
-from ces_rig.experiments.currents import make_current
-from ces_rig.experiments.strokes import make_stroke
-from ces_rig.experiments.virtual import DamperDescription, parse_experiment, run
+from ces_rig.experiments.virtual import DamperDescription, make_current, parse_experiment, run
 from ces_rig.live.rig import with_effects
 
 STROKE = {"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 4.0}
@@ -107,7 +106,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize(("what", "given", "says"), [(what, *row) for what, rows in MISTAKES.items() for row in rows])
 def test_a_mistake_is_one_line(what, given, says):
-    with pytest.raises(RigError, match=says) as caught:
+    with pytest.raises(CesError, match=says) as caught:
         READ[what](given)
     text = str(caught.value)
     assert "\n" not in text and (what == "effect" or text.startswith("x.yaml: ") or "ends are at" in text), text

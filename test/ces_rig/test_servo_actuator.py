@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ces_data.waveforms.currents import ConstantLevel
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.stepper import simulate
 from ces_rig.drive import MOTION_SIZE, STROKE, STROKE_SPEED, ServoActuator, ServoNumbers, servo_step
-from ces_rig.experiments.currents import ConstantLevel
 from ces_rig.experiments.virtual import drive_damper, parse_experiment, run, simulate_truth, with_seed
 from ces_rig.sensors import GRID_S
 

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from small_recordings import RULES, UNITS, make_columns, write_small_csv
 
-from ces_cli.identify.options import PARAMETERS
+from ces_cli.identify.request import PARAMETERS
 from ces_cli.main import PROGRAMS, main
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.reading import read_recording

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ces_data.waveforms.strokes import make_stroke
 from ces_identify import make_recording
-from ces_rig.experiments.strokes import make_stroke
 
 RATE = 1000.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ces_rig.dampers.bouc_wen import kernel
-from ces_rig.dampers.bouc_wen.parameters import BoucWen
+from ces_rig.dampers.bouc_wen.kernel import BoucWen
 from ces_rig.dampers.effects import Change, Proportions, add_to, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS, DamperKind
 

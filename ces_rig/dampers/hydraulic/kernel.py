@@ -22,7 +22,7 @@ w is the volume of a mass of oil over its volume at atmospheric pressure, so flo
 
 Scheme: ROS2 (Verwer et al., SIAM J. Sci. Comput. 20, 1999), a linearly implicit two-stage method, of second order with
 any Jacobian and L-stable with the exact one. The Jacobian used here is exact for the stiff part (bushing, piston,
-pressures) and diagonal for the rest. Plain loops over arrays; slow readable version in the tests.
+pressures) and diagonal for the rest. Plain loops over arrays.
 """
 
 from __future__ import annotations

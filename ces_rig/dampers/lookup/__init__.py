@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from ces_rig.dampers.effects import Change, Proportions, add_to, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.lookup import kernel
-from ces_rig.dampers.lookup.parameters import Lookup
+from ces_rig.dampers.lookup.kernel import Lookup
 from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS, DamperKind
 
 VARIED: Mapping[str, float] = {

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from programs import ces, error_line, only_effects, run_here, text_of
 
-from ces_cli.blind import AUGMENTED, MODEL
-from ces_rig.blind.cases import open_arrays, open_seal
+from ces_cli.blind_case import AUGMENTED, MODEL
+from ces_rig.blind.cases import CaseLabel, open_arrays, open_seal
 from ces_rig.blind.scoring import DECISION, GAP, REPLAY, ROW
 
 pytestmark = pytest.mark.slow
@@ -29,7 +29,7 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     words = ("--out", folder, "--seed", 5, "--cases", CASES, "--seconds", SECONDS, "--jobs", 1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ces_cli.blind.run_in_processes", run_here)
-        patch.setattr("ces_cli.blind.physical_structures", lambda: ("hydraulic",))
+        patch.setattr("ces_cli.blind_case.physical_structures", lambda: ("hydraulic",))
         patch.setattr(*only_effects(*QUICK))
         assert ces("blind", "make", *words, "--gap-to-noise", 3, "--plants", "bouc_wen", "--effects", *QUICK) == 0
         yield folder
@@ -46,14 +46,14 @@ def test_a_case_with_a_recording_twice_fails_by_name(
     words = ("blind", "run", planted, "--out", tmp_path / "results", "--limit", 1, "--jobs", 1)
     assert ces(*words, "--simulation", "run", "--references", 2) == 2
     row = json.loads((tmp_path / "results" / "run_2" / "0001" / ROW).read_text())
-    assert row["status"] == "failed" and "r1 and f1: the same recording, under --real and --reference" in row["reason"]
+    assert row["status"] == "failed" and "r1 and f1: the same recording, under real and reference" in row["reason"]
 
 
-def make_gap(label: dict[str, Any], knows: bool) -> dict[str, Any]:
+def make_gap(label: CaseLabel, knows: bool) -> dict[str, Any]:
     """Return the gap.json of a diagnosis that knows the label, or names a wrong effect with certainty."""
-    truth = [effect["name"] for effect in label["effects"]]
+    truth = [effect.name for effect in label.effects]
     named = truth if knows else ["bump_stop"]
-    verdict = {"none": "no_gap", "outside": "unknown"}.get(label["kind"], "named") if knows else "named"
+    verdict = {"none": "no_gap", "outside": "unknown"}.get(label.kind, "named") if knows else "named"
     found = named if verdict == "named" else []
     causes = [
         {"effect": name, "probability": float(i == 0 and bool(found))} for i, name in enumerate([*named, "backlash"])
@@ -74,8 +74,8 @@ def write_results(folder: Path, results: Path, knows: bool) -> Path:
     results.mkdir(parents=True)
     published = (folder / "cases" / "seal.sha256").read_text().strip()
     (results / "run.json").write_text(json.dumps({**SETTINGS, "seal": published}))
-    for label in open_seal(folder)[1]:
-        mine = results / label["case"]
+    for label in open_seal(folder).labels:
+        mine = results / label.case
         mine.mkdir()
         arrays, gap = open_arrays(folder, label), make_gap(label, knows)
         true, simulated = (arrays[f"h1_{key}"] for key in ("force_N", "baseline_N"))
@@ -84,7 +84,7 @@ def write_results(folder: Path, results: Path, knows: bool) -> Path:
         gap["composition"]["shrink"] = claimed
         (mine / GAP).write_text(json.dumps(gap))
         np.savez_compressed(mine / REPLAY, h1_simulated_N=simulated, h1_augmented_N=augmented)
-        (mine / ROW).write_text(json.dumps({"case": label["case"], "status": "done", "seconds": 1.0}))
+        (mine / ROW).write_text(json.dumps({"case": label.case, "status": "done", "seconds": 1.0}))
     return results
 
 
@@ -96,11 +96,12 @@ def figures(text: str) -> dict[str, str]:
 
 
 def test_the_sealed_cases_match_the_request(cases: Path) -> None:
-    about, labels = open_seal(cases)
-    assert about["seed"] == 5
-    assert [label["case"] for label in labels] == [f"{i:04d}" for i in range(1, CASES + 1)]
-    assert sorted(label["kind"] for label in labels) == ["effect", "effect", "effect", "none", "outside", "pair"]
-    assert all(label["gap_N"] == pytest.approx(24.0, rel=0.11) for label in labels if label["kind"] != "none")
+    sealed = open_seal(cases)
+    labels = sealed.labels
+    assert sealed.about["seed"] == 5
+    assert [label.case for label in labels] == [f"{i:04d}" for i in range(1, CASES + 1)]
+    assert sorted(label.kind for label in labels) == ["effect", "effect", "effect", "none", "outside", "pair"]
+    assert all(label.gap_N == pytest.approx(24.0, rel=0.11) for label in labels if label.kind != "none")
 
 
 def test_perfect_scores_for_right_answers(cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -135,8 +136,8 @@ def test_a_recording_teaches_a_plant_and_a_case_may_name_a_function(
     words = ("--out", tmp_path / "own", "--seed", 5, "--cases", 1, "--seconds", 3, "--jobs", 1, "--kind", "effect")
     words += ("--plants", "bouc_wen", "--recording", bag, "--effects", "force_offset", "--simulation-error", 0)
     assert ces("blind", "make", *words) == 0
-    about, labels = open_seal(tmp_path / "own")
-    assert about["plants"] == ["bouc_wen", "map"] and labels[0]["plant"] in about["plants"]
+    sealed = open_seal(tmp_path / "own")
+    assert sealed.about["plants"] == ["bouc_wen", "map"] and sealed.labels[0].plant in sealed.about["plants"]
     described = tmp_path / "own" / "cases" / "0001" / "case.json"
     path = str(described.with_name("baseline.yaml"))
     own = f"from ces_rig.experiments.virtual import load_rig\n\nforce = load_rig({path!r})\n"

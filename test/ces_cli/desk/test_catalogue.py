@@ -61,7 +61,9 @@ def test_files_that_cannot_be_read_are_named_with_the_reason(tmp_path: Path) -> 
     assert found["null.json"].startswith("not complete JSON")
     assert found["fleet.jsonl"].startswith("line 1: not complete JSON")
     assert found["iterations.jsonl"] == "line 1: not a JSON object"
-    assert "no key" in found["results.jsonl"] and "no key" in found["keys.json"]
+    assert found["results.jsonl"].startswith("line[0]: key 'status' is missing; expected a text")
+    assert found["keys.json"].startswith("content: key 'certificate' is missing")
+    assert found["types.json"].startswith("content: key 'sentence' is missing")
 
 
 def test_files_of_other_programs_are_left_out(tmp_path: Path) -> None:

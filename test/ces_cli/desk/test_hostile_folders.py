@@ -56,15 +56,5 @@ def test_every_page_of_a_hostile_folder_is_shown(name: str, tmp_path: Path) -> N
     assert "<script>alert" not in overview.text
 
 
-def test_a_name_that_is_not_text_is_listed_with_the_remedy(tmp_path: Path) -> None:
-    for name in (b"caf\xe9.mcap", b"two\nlines.mcap", b"back\\slash.mcap", b"caf\xe9.txt"):
-        Path(os.fsdecode(os.fsencode(tmp_path) + b"/" + name)).write_bytes(b"")
-    page = make_app(Site(tmp_path), "127.0.0.1").test_client().get("/list/unreadable").text
-    for name in ("caf\ufffd.mcap", "two\ufffdlines.mcap", "back\ufffdslash.mcap"):
-        assert name in page
-    assert page.count("not plain UTF-8 text; rename it") == 3 and "1970" not in page
-    assert "caf\ufffd.txt" not in page  # nothing of ours
-
-
 def test_a_time_that_no_calendar_has_is_a_dash() -> None:
     assert {Item("model", "a.json", time_s).changed for time_s in (1e15, -1e12, float("inf"), float("nan"))} == {"–"}

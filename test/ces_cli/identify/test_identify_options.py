@@ -1,15 +1,17 @@
-"""The node's parameters are the program's options: names, and the command line built from them."""
+"""The node's parameters are the program's options: names, the request made of them, and the same as a command."""
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import pytest
 import yaml
 
-from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
 from ces_cli.identify.program import make_parser
-from ces_observer.errors import CesError
+from ces_cli.identify.request import EXIT_WHEN_DONE, PARAMETERS, IdentifyProgramRequest, find_given_parameters
+from ces_cli.identify.worker import as_command
+from ces_observer.errors import CesError, OptionName
 from ces_observer.options import NO_WORDS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
@@ -20,8 +22,12 @@ DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 ACTIONS = {action.dest: action for action in make_parser()._actions}
 
 
-def options(**values):
-    return vars(make_parser().parse_args(build_command_line({**DEFAULTS, "bags": ["one"], **values})))
+def request(**values):
+    """Return the request of parameters, which the program makes of the same as a command line, too."""
+    given = find_given_parameters({**DEFAULTS, "bags": ["one"], **values})
+    made = IdentifyProgramRequest.of(given, given)
+    assert make_parser().read(shlex.split(as_command(given))[2:]) == made
+    return made
 
 
 def test_every_option_is_a_parameter_or_left_out_on_purpose():
@@ -31,7 +37,7 @@ def test_every_option_is_a_parameter_or_left_out_on_purpose():
 
 def test_values_arrive_unchanged(monkeypatch):
     monkeypatch.setenv("HOME", "/home/somebody")
-    values = options(
+    made = request(
         bags=["~/one", "", "two"],
         delay=0.003,
         validate=["three"],
@@ -40,19 +46,19 @@ def test_values_arrive_unchanged(monkeypatch):
         certificate=False,
         time=0.30000000000000004,
     )
-    assert [str(path) for path in values["bags"]] == ["/home/somebody/one", "two"]
-    assert (str(values["validate"][0]), str(values["report"])) == ("three", "/home/somebody/report.html")
-    assert (values["blend"], values["certificate"]) == (["speed:-0.3,0.3", "current:0.5,1"], False)
-    assert (values["time"], values["delay"]) == (0.30000000000000004, 0.003)
+    assert [str(path) for path in made.bags] == ["/home/somebody/one", "two"]
+    assert (str(made.validate[0]), str(made.report)) == ("three", "/home/somebody/report.html")
+    assert (made.model.blend, made.model.certificate) == (("speed:-0.3,0.3", "current:0.5,1"), False)
+    assert (made.model.time, made.model.delay) == (0.30000000000000004, 0.003)
 
 
 def test_a_value_with_a_dash_is_no_option():
-    assert options(bags=["-x"], teacher="--out=elsewhere")["teacher"] == "--out=elsewhere"
+    assert request(bags=["-x"], teacher="--out=elsewhere").teacher == "--out=elsewhere"
 
 
 def test_a_missing_recording_and_a_wrong_choice_are_named():
     with pytest.raises(CesError, match="parameter 'bags' is not set; set it to the paths of recordings"):
-        build_command_line(DEFAULTS)
+        find_given_parameters(DEFAULTS)
     with pytest.raises(CesError, match="parameter 'method' is 'best'; expected one of gauss-newton, thesis"):
         BY_NAME["method"].check_parameter("best")
 
@@ -65,7 +71,14 @@ def test_the_packaged_file_lists_every_parameter_with_its_default():
 
 
 def test_a_parameter_that_does_not_apply_is_refused_and_defaults_never_are():
-    with pytest.raises(CesError, match="--units applies to --structure sigmoid or auto, not to polynomial"):
-        options(units=7)
-    assert options(units=7, structure="sigmoid")["units"] == 7
-    assert build_command_line({**DEFAULTS, "bags": ["one"]}) == ["--", "one"]
+    with pytest.raises(CesError) as caught:
+        request(units=7)
+    for wording, line in {
+        OptionName.as_flag: "--units applies to --structure sigmoid or auto, not to polynomial; remove it",
+        OptionName.as_parameter: "parameter 'units' applies to parameter structure:=sigmoid or auto, not to polynomial",
+        OptionName.as_keyword: "units applies to structure='sigmoid' or auto, not to polynomial; remove it",
+        OptionName.as_key: "units applies to structure: sigmoid or auto, not to polynomial; remove it",
+    }.items():
+        assert caught.value.word(wording).startswith(line)
+    assert request(units=7, structure="sigmoid").model.sizes == {"units": 7}
+    assert find_given_parameters({**DEFAULTS, "bags": ["one"]}) == {"bags": ["one"]}

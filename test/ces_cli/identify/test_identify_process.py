@@ -21,7 +21,6 @@ from ces_cli.identify.process import (
     IdentifyProcess,
     SearchState,
 )
-from ces_cli.identify.worker import name_parameters
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -48,9 +47,9 @@ def test_interrupted_it_sends_stages_costs_warnings_and_the_best_so_far(
     shared_model: SharedResults, tmp_path: Path
 ) -> None:
     out, report = tmp_path / "model.json", tmp_path / "report.html"
-    words = ["--terms=2", "--threads=1", "--time=600", "--starts=10000", f"--out={out}"]
-    words += [f"--report={report}", f"--candidates={shared_model.folder / 'rules.yaml'}"]
-    process = IdentifyProcess([*words, "--", str(shared_model.folder / "one" / "one.mcap")])
+    given = {"terms": 2, "threads": 1, "time": 600.0, "starts": 10000, "out": str(out), "report": str(report)}
+    given |= {"candidates": str(shared_model.folder / "rules.yaml")}
+    process = IdentifyProcess({**given, "bags": [str(shared_model.folder / "one" / "one.mcap")]})
     messages = read_until(process, "cost")
     while values_of(messages, "cost")[-1] > 50.0:  # the first model of a start explains nothing
         messages += read_until(process, "cost")
@@ -75,22 +74,20 @@ def test_interrupted_it_sends_stages_costs_warnings_and_the_best_so_far(
 def test_a_mistake_gives_one_line_that_names_parameters(tmp_path: Path) -> None:
     out = tmp_path / "model.json"
     out.touch()
-    for words, line in (
-        ("--terms=999", "parameter terms: found '999'; expected a whole number from 1 to 200"),
-        (f"--out={out}", f"{out}: exists; choose another name for parameter out, or replace it with parameter overwri"),
+    for name, value, line in (
+        ("terms", 999, "parameter 'terms' is 999; expected a whole number from 1 to 200"),
+        ("out", str(out), f"{out}: exists; choose another name for parameter 'out', or replace it with parameter over"),
     ):
-        messages = read_until(IdentifyProcess([words, "--", "bag"]))
+        messages = read_until(IdentifyProcess({name: value, "bags": ["bag"]}))
         assert [error[: len(line)] for error in values_of(messages, "error")] == [line]
         assert messages[-1] == {EXIT_STATUS: 2}
-    said = name_parameters("--no-band: not --terms=3, a--b or --9")
-    assert said == "parameter band: not parameter terms=3, a--b or --9"
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="needs /proc")
 def test_it_ends_with_its_parent() -> None:
     code = "import os; from ces_cli.identify.process import IdentifyProcess as P; "
-    code += "print(P(['--time=600', '--', 'bags/noise'])._process.pid, flush=True); os._exit(1)"
+    code += "print(P({'time': 600.0, 'bags': ['bags/noise']})._process.pid, flush=True); os._exit(1)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     wait_until(lambda: b"ces_cli.identify" not in command_of(int(done.stdout)))
 

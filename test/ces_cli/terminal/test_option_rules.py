@@ -19,7 +19,7 @@ def make_parser():
     parser.rules = (
         only_with("many", "bags", "applies to bags; name one"),
         never_with(ALL, "list", "does not apply with --list", but="list shape"),
-        OptionRule("size", lambda options: options.shape == "square", "applies to --shape square, not to {shape}"),
+        OptionRule("size", lambda values: values["shape"] == "square", "applies to --shape square, not to {shape}"),
     )
     return parser
 

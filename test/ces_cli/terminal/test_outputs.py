@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ces_cli.terminal.outputs import name_report, require_folder, require_outputs
-from ces_observer.errors import CesError
+from ces_cli.terminal.outputs import OUT, name_report, require_folder, require_outputs
+from ces_observer.errors import CesError, OptionName
 from ces_observer.json_text import write_atomically
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -32,17 +32,17 @@ def here(tmp_path, monkeypatch):
 
 
 def require_new_file(path, overwrite):
-    require_outputs(overwrite, {"--out": path})
+    require_outputs(overwrite, {OUT: path})
 
 
 def require_new_bag(path, overwrite):
-    require_outputs(overwrite, bags={"--out": path})
+    require_outputs(overwrite, bags={OUT: path})
 
 
 def refusal(check, *arguments):
     with pytest.raises(CesError) as caught:
         check(*arguments)
-    return str(caught.value)
+    return caught.value.word(OptionName.as_flag)
 
 
 def test_a_report_in_a_folder_says_which_simulation_and_recordings(here):

@@ -94,7 +94,7 @@ def test_stamps_that_run_backwards_and_bad_samples_survive(tmp_path):
 def test_existing_bag_is_overwritten_only_on_request(tmp_path):
     topics = recording_topics(recording_of(), DEFAULT)
     write_bag(tmp_path / "run", topics[:1])
-    with pytest.raises(RecordingError, match=r"run: exists; choose another name, or replace it with --overwrite"):
+    with pytest.raises(RecordingError, match=r"run: exists; choose another name, or replace it with overwrite=True"):
         write_bag(tmp_path / "run", topics)
     assert len(list_topics(tmp_path / "run")) == 1
     write_bag(tmp_path / "run", topics, overwrite=True)

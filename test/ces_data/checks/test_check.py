@@ -258,7 +258,8 @@ def test_a_recording_without_force_or_current_is_checked_as_far_as_it_goes():
 def test_wrong_models_are_refused_unless_one_goes_on():
     found = check_together([changed(bag("noise"), force=scaled(-1.0), current=scaled(1e3))])
     with pytest.raises(
-        RecordingError, match=r"noise: .*\(and 1 more findings like this\).*--ignore-findings identifies all the same"
+        RecordingError,
+        match=r"noise: .*\(and 1 more findings like this\).*ignore_findings=True identifies",
     ):
         require_sound(found)
     assert len(require_sound(found, ignore_findings=True)) == 2

@@ -148,8 +148,8 @@ def test_options_that_do_not_apply(folder):
     write(folder / "run.blf", frames(database(folder)))
     (folder / "log.csv").write_text("time_s,x_mm,current_A,F_N\n0,1,0,2\n1,2,0,3\n2,1,0,3\n")
     for name, rate, message in (
-        ("run.blf", 500.0, "--rate does not apply: the channels of this log have their own times"),
-        ("log.csv", None, "--dbc does not apply: this is no CAN log"),
+        ("run.blf", 500.0, "rate does not apply: the channels of this log have their own times"),
+        ("log.csv", None, "dbc does not apply: this is no CAN log"),
     ):
         with pytest.raises(CesError, match=message):
             propose_mapping(folder / name, dbc=[folder / "rig.dbc"], rate=rate)

@@ -9,7 +9,7 @@ import pytest
 from hydraulic_models import hydraulic_model, make_hydraulic
 from physical_examples import make_valve
 
-from bench.gaps.users_dampers import SIMULATORS, bouc_wen, filtered_speed, knee, record
+from bench.gaps.users_dampers import SIMULATORS, bouc_wen, filter_speed, knee, record
 from ces_data.arrays import F
 from ces_gap.calibrate.calibration import calibrate, free_parameters
 from ces_gap.errors import GapError
@@ -85,7 +85,7 @@ def worn_recordings():  # type: ignore[no-untyped-def]
 
 def test_of_a_whole_number_each_value_is_tried() -> None:
     def staged(time_s: F, position_m: F, current_A: F, *, stages: int = 1, gain_N: float = 100.0) -> F:
-        speed = filtered_speed(time_s, position_m)
+        speed = filter_speed(time_s, position_m)
         return np.asarray(gain_N * np.tanh(speed / 0.1) ** (2 * stages - 1))
 
     whole = FunctionSimulation("staged", staged)
@@ -94,7 +94,7 @@ def test_of_a_whole_number_each_value_is_tried() -> None:
     result = calibrate(whole, "staged", fake, fit=["stages=1..4", "gain_N"])
     assert {p.name: round(p.value) for p in result.parameters} == {"stages": 3, "gain_N": 130}
     assert calibrate(whole, "staged", fake).notes[0] == (
-        "stages is not fitted: it is a whole number (1); give --fit stages=LOW..HIGH to try each, or write 1.0"
+        "stages is not fitted: it is a whole number (1); give stages=LOW..HIGH to try each, or write 1.0"
     )
 
 
@@ -134,9 +134,9 @@ def test_values_with_which_the_function_fails_are_left_out_of_the_fit() -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["seal"], "--fit seal: f has no such parameter; it has c0_N_s_m, "),
-        (["A=2..1"], "--fit A=2..1: expected NAME or NAME=LOW..HIGH"),
-        (["A=2..3"], "--fit A=2..3: expected a range around its default of 1"),
+        (["seal"], "fit='seal': f has no such parameter; it has c0_N_s_m, "),
+        (["A=2..1"], "fit='A=2..1': expected NAME or NAME=LOW..HIGH"),
+        (["A=2..3"], "fit='A=2..3': expected a range around its default of 1"),
         (["none"], "f: no parameter to fit: "),
     ],
 )
@@ -149,7 +149,7 @@ def test_a_default_of_zero_needs_a_range_and_predictions_have_no_parameters() ->
     def free(time_s: F, position_m: F, current_A: F, *, offset_N: float = 0.0) -> F:
         return np.full_like(position_m, offset_N)
 
-    with pytest.raises(GapError, match=r"its default of 0 gives no range; give --fit offset_N=LOW..HIGH"):
+    with pytest.raises(GapError, match=r"its default of 0 gives no range; give offset_N=LOW..HIGH"):
         calibrate(FunctionSimulation("f", free), "f", [])
     with pytest.raises(GapError, match="no parameter to fit"):
         calibrate(RecordedSimulation("/p"), "topic:/p", [])

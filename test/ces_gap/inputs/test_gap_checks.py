@@ -74,10 +74,10 @@ def test_different_recordings_have_no_notes():
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        (([1, 1], [], []), "a: the same recording, twice under --real; pass each recording once"),
-        (([1, 2], [2], []), "a: the same recording, under --real and --held-out; held-out recordings must not"),
-        (([1], [], [1]), "a: the same recording, under --real and --reference; references must be free of"),
-        (([1], [2], [2]), "a: the same recording, under --held-out and --reference"),
+        (([1, 1], [], []), "a: the same recording, twice under real; pass each recording once"),
+        (([1, 2], [2], []), "a: the same recording, under real and held_out; held-out recordings must not"),
+        (([1], [], [1]), "a: the same recording, under real and reference; references must be free of"),
+        (([1], [2], [2]), "a: the same recording, under held_out and reference"),
     ],
 )
 def test_a_duplicate_recording_is_refused(sets, message):
@@ -86,7 +86,7 @@ def test_a_duplicate_recording_is_refused(sets, message):
 
     with pytest.raises(GapError, match=message):
         require_distinct(*([recording(seed) for seed in some] for some in sets))
-    with pytest.raises(GapError, match="one and two: the same recording, under --real and --held-out"):
+    with pytest.raises(GapError, match="one and two: the same recording, under real and held_out"):
         require_distinct([ride("one", 1)], [ride("two", 1)], [])  # of the same content, without hashes
 
 

@@ -36,7 +36,7 @@ def test_a_certified_model_says_what_it_forgets_and_one_that_does_not_is_refused
     assert again.certificate["forgets_s"] == pytest.approx(5.0)
     assert again.certificate["forgetting"]["how"] == "measured from 24 pasts"
     assert max(again.certificate["forgetting"]["left_percent"].values()) < 1.0
-    with pytest.raises(CesError, match=r"is left after 5 s \(rest\); --forget 10"):
+    with pytest.raises(CesError, match=r"is left after 5 s \(rest\); forget=10"):
         with_forgetting(without_relaxation(MODEL), [RIDE], 5.0)
 
 

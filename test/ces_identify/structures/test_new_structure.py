@@ -141,7 +141,7 @@ def test_it_goes_through_a_model_file(tmp_path):
 def test_it_runs_at_the_desk_and_without_a_tick_in_no_estimator():
     recording = planted(model(), 1)
     series, run = prepare(recording, SAMPLING), model().make_predictor()
-    rows = np.stack([series.position, series.speed, series.current], axis=1)
+    rows = series.inputs.T
     expected = [run.tick(*row) for row in rows.tolist()]
     np.testing.assert_allclose(simulate_series(model(), series).force, expected, rtol=1e-12)
     assert np.isfinite(sample_force(model(), recording)).mean() > 0.9
@@ -166,8 +166,8 @@ def test_the_controller_can_invert_it():
 @pytest.mark.slow
 def test_it_is_identified_by_its_name_and_reported(tmp_path):
     words = shlex.split("--structure dashpot --percent 50")
-    assert make_parser().parse_args(["bag"]).structure == "polynomial"
-    identify = select_identify_function(make_parser().parse_args(["bag", *words]))
+    assert make_parser().read(["bag"]).model.structure == "polynomial"
+    identify = select_identify_function(make_parser().read(["bag", *words]).model)
     found = identify([planted(model(), 1)], [planted(model(), 2)], IdentifyOptions(rate=RATE_HZ))
     assert found.model.body.viscosity == pytest.approx(400.0, rel=0.05)
     assert found.model.certificate["viscosity_Ns_m"] == found.model.body.viscosity

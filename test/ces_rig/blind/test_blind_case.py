@@ -1,6 +1,7 @@
 """A blind case on disk: of the planned size, bags that tell nothing, true arrays, and a seal that nothing passes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,16 @@ from scipy.interpolate import CubicSpline
 from ces_data.bags.reader import list_topics, read_recording
 from ces_data.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation
-from ces_rig.blind.cases import open_arrays, open_seal, write_arrays, write_case, write_seal
+from ces_rig.blind.cases import (
+    CaseLabel,
+    SealedAnswers,
+    WithheldLabel,
+    open_arrays,
+    open_seal,
+    write_arrays,
+    write_case,
+    write_seal,
+)
 from ces_rig.blind.draw import draw_case
 from ces_rig.blind.plan import BlindCase
 from ces_rig.dampers.stepper import KINDS
@@ -40,11 +50,11 @@ def bag(folder, place):
 @pytest.mark.slow
 def test_effect_and_simulation_are_of_the_planned_size(made):
     label = made[1][0]
-    assert label["gap_N"] == pytest.approx(24.0, rel=0.11)
-    assert label["noise_N"] == 8.0
-    assert label["baseline_error_N"] == pytest.approx(8.0, abs=3.5)  # in it what the sensors' noise does to the inputs
-    assert [effect["name"] for effect in label["effects"]] == ["friction"]
-    assert label["effects"][0]["physical"]
+    assert label.gap_N == pytest.approx(24.0, rel=0.11)
+    assert label.noise_N == 8.0
+    assert label.baseline_error_N == pytest.approx(8.0, abs=3.5)  # in it what the sensors' noise does to the inputs
+    assert [effect.name for effect in label.effects] == ["friction"]
+    assert label.effects[0].physical
 
 
 @pytest.mark.slow
@@ -70,7 +80,7 @@ def test_references_are_free_of_the_effect_and_the_rest_is_not(made):
         force, clock = recording.channel("force"), recording.channel("position").stamps_ns
         return rms((force.values - np.interp(force.stamps_ns, clock, simulate.force(recording)))[100:-100])
 
-    error = label["baseline_error_N"]
+    error = label.baseline_error_N
     assert gap("reference/f1") < 1.5 * np.hypot(8.0, error)
     assert gap("real/r1") > 2.0 * np.hypot(8.0, error)
 
@@ -89,8 +99,8 @@ def test_the_folder_tells_nothing_of_what_is_withheld(made):
     names = [sorted(str(p.relative_to(f)) for p in f.rglob("*")) for f in (folder, folder.parent / "0008")]
     assert names[0] == names[1]
     assert arrays.keys() == other_arrays.keys()
-    assert other_label["gap_N"] == 0.0
-    assert other_label["baseline_error_N"] < 6.0
+    assert other_label.gap_N == 0.0
+    assert other_label.baseline_error_N < 6.0
 
 
 @pytest.mark.slow
@@ -113,15 +123,15 @@ def test_a_case_repeats_exactly(made, tmp_path):
 @pytest.fixture
 def sealed(tmp_path):
     arrays = {"h1_force_N": np.linspace(0.0, 1.0, 5, dtype=np.float32)}
-    label = {"case": "0001", "kind": "effect", "effects": [{"name": "friction"}]}
-    label["arrays_sha256"] = write_arrays(tmp_path, "0001", arrays)
+    effects, digest = (WithheldLabel("friction"),), write_arrays(tmp_path, "0001", arrays)
+    label = CaseLabel("0001", "effect", effects=effects, arrays_sha256=digest)
     digest = write_seal(tmp_path, {"seed": 4}, [label])
     return tmp_path, label, digest
 
 
 def test_labels_and_arrays_come_out_of_their_seal(sealed, tmp_path_factory):
     folder, label, digest = sealed
-    assert open_seal(folder) == ({"seed": 4}, [label])
+    assert open_seal(folder) == SealedAnswers({"seed": 4}, (label,))
     assert open_arrays(folder, label)["h1_force_N"] == pytest.approx(np.linspace(0.0, 1.0, 5))
     assert (folder / "cases" / "seal.sha256").read_text().strip() == digest
     assert "effect" not in (folder / "seal.json").read_text(), "labels cannot be read by accident"
@@ -134,7 +144,7 @@ def test_other_labels_and_arrays_are_refused(sealed, tmp_path_factory):
     with pytest.raises(RigError, match=r"0001\.npz: its hash is not the sealed one"):
         open_arrays(folder, label)
     other = tmp_path_factory.mktemp("other")
-    write_seal(other, {"seed": 4}, [{**label, "kind": "none"}])
+    write_seal(other, {"seed": 4}, [replace(label, kind="none")])
     (folder / "seal.json").write_text((other / "seal.json").read_text())
     with pytest.raises(RigError, match="its hash is not the published one"):
         open_seal(folder)

@@ -136,7 +136,7 @@ def test_modes():
         "predictions_1": "predictions", "identified_1": "identified",
     }  # fmt: skip
     for simulation, references in (("identified", 0), ("walk", 1), ("run", 6)):
-        with pytest.raises(CesError, match=r"expected|add --references"):
+        with pytest.raises(CesError, match=r"expected|add references"):
             Mode(simulation, references)
 
 

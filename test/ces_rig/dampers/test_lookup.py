@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ces_data.recording import Channel
-from ces_rig.dampers.lookup.parameters import SPEEDS, TABLE, Lookup, learn_lookup
+from ces_data.waveforms.strokes import make_stroke
+from ces_rig.dampers.lookup.kernel import SPEEDS, TABLE, Lookup, learn_lookup
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
-from ces_rig.experiments.strokes import make_stroke
 from ces_rig.sensors import GRID_S, Sensors, Truth, measure_signals
 
 PLANTED = Lookup(rise_s=7e-3, fall_s=7e-3, oil_N_m=2e6, speed_m_s=0.9, rebound=1.3)

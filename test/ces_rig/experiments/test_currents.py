@@ -5,8 +5,7 @@ import pytest
 
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.stepper import simulate
-from ces_rig.experiments.currents import FORCES_N, KINDS, Reg1, SpeedForceLoop, make_current
-from ces_rig.experiments.virtual import drive_damper
+from ces_rig.experiments.virtual import FORCES_N, KINDS, Reg1, SpeedForceLoop, drive_damper, make_current
 
 STEP = 1e-3
 

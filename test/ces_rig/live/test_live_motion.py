@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
+from ces_data.waveforms.strokes import QuarterVehicle
 from ces_rig import drive as qv
-from ces_rig.dampers.bouc_wen.parameters import BoucWen
+from ces_rig.dampers.bouc_wen.kernel import BoucWen
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.model import DamperModel
 from ces_rig.dampers.stepper import DamperStepper, Mover
 from ces_rig.errors import RigError
-from ces_rig.experiments.strokes import QuarterVehicle
 from ces_rig.live.motion import CLASSES, ROAD_BLOCK, Follower, LiveRoad, Vehicle
 from ces_rig.live.rig import LiveRig, RigSettings
 

@@ -119,7 +119,7 @@ def test_a_changed_input_is_refused(tmp_path: Path) -> None:
     recording = replace(small_rig().run(sine_commands(), tmp_path), sha256="1")
     (tmp_path / "damper.yaml").write_text("one")
     keep_inputs(tmp_path, plan, [recording])
-    with pytest.raises(CesError, match=r"bag: has changed since .* began with it; choose another --out"):
+    with pytest.raises(CesError, match=r"bag: has changed since .* began with it; choose another out"):
         keep_inputs(tmp_path, plan, [replace(recording, sha256="2")])
     (tmp_path / "damper.yaml").write_text("two")
     with pytest.raises(CesError, match=r"damper.yaml: has changed since"):

@@ -85,5 +85,5 @@ def test_a_load_follows_the_power_and_falls_while_the_damper_rests() -> None:
 
 def test_the_delay_of_a_plan_reaches_the_identification() -> None:
     plan = parse_plan(template() | {"identify": {"delay": 0.003}}, "plan.yaml", Path())
-    assert plan.identify.options(1).delay == 0.003
-    assert parse_plan(template(), "plan.yaml", Path()).identify.options(1).delay == 0.0
+    assert plan.identify.request(1).delay == 0.003
+    assert parse_plan(template(), "plan.yaml", Path()).identify.request(1).delay == 0.0

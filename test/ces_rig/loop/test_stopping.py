@@ -38,7 +38,7 @@ def test_a_target_is_reached_when_the_whole_interval_is_below(facts, reached):
 
 
 def test_a_diverged_run_is_null_in_its_line_and_no_number_when_it_is_read_again():
-    one = Iteration(2, "two", 3.0, 6.0, 0.0, 0.0, inf, 5.0, {"other": nan}, 0.5, 0.1, 0.1, [], "m.json")
+    one = Iteration(2, "two", 3.0, 6.0, 0.0, 0.0, inf, 5.0, {"other": nan}, 0.5, 0.1, 0.1, (), "m.json")
     row = json.loads(json.dumps(one.to_row(), allow_nan=False))
     again = Iteration.from_row(row, Path("iterations.jsonl"))
     assert again.fresh_J is None

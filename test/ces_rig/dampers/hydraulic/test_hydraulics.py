@@ -1,10 +1,8 @@
-"""The hydraulic kernel: oil, convergence, vapour, its slow twin; and what a dyno shows of it."""
+"""The hydraulic kernel: oil, convergence, vapour; and what a dyno shows of it."""
 
 import numpy as np
 import pytest
 from dyno_measurements import current_step, cycle, rise_time, steady_force
-from hydraulics_twin import Twin
-from scipy.interpolate import CubicSpline
 
 from ces_rig.dampers.hydraulic import kernel as hy
 from ces_rig.dampers.hydraulic.kernel import STEP_S
@@ -51,22 +49,6 @@ def test_order_of_convergence():
     )
     assert 3.5 < coarse / fine < 4.5  # second order
     assert pytest.approx(GRID / 10) == STEP_S and coarse < 0.002, "the step that is used"
-
-
-@pytest.mark.slow
-def test_agrees_with_the_slow_twin():
-    damper = Damper()
-    time, stroke, current = drive(0.25, 0.03, 6.0)
-    run = simulate(Hydraulic(damper), GRID, stroke, current)
-    twin = Twin(damper)
-    fine = np.arange(0, time[-1] + 1e-9, GRID / 50)
-    pilot = twin.pilot_pressure(fine, np.interp(fine, time, current))
-    spline = CubicSpline(time, stroke)
-    force = twin.force(
-        run.states[0, : hy.UNKNOWNS], time[::20], spline, spline.derivative(), lambda t: np.interp(t, fine, pilot)
-    )
-    assert np.std(force) > 500.0
-    assert relative_rms(run.force_N[::20], force) < 0.002
 
 
 def test_pressures_stop_at_the_vapour_floor():

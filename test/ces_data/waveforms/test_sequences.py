@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from ces_rig.errors import RigError
-from ces_rig.experiments.currents import make_current
-from ces_rig.experiments.sequences import read_stroke_file
-from ces_rig.experiments.strokes import make_stroke
-from ces_rig.experiments.virtual import load_experiment, simulate_truth
+from ces_data.waveforms.sequences import read_stroke_file
+from ces_data.waveforms.strokes import make_stroke
+from ces_observer.errors import CesError
+from ces_rig.experiments.virtual import load_experiment, make_current, simulate_truth
 
 TIME = np.arange(0.0, 10.0, 1e-3)
 
@@ -72,11 +71,11 @@ def test_a_file_beside_the_experiment_is_its_stroke(tmp_path):
 def test_mistakes_name_the_line(tmp_path, text, says):
     path = tmp_path / "s.csv"
     path.write_text(text)
-    with pytest.raises(RigError, match=says) as caught:
+    with pytest.raises(CesError, match=says) as caught:
         read_stroke_file(path)
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(RigError, match=r"none\.csv: cannot be read"):
+    with pytest.raises(CesError, match=r"none\.csv: cannot be read"):
         read_stroke_file(tmp_path / "none.csv")

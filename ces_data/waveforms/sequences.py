@@ -18,11 +18,12 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.random import Generator
 from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfilt
 
 from ces_data.arrays import F
+from ces_observer.errors import CesError
 from ces_observer.fields import REQUIRED
 from ces_observer.records import part, quantity
-from ces_rig.errors import RigError
 
 T = TypeVar("T")
 Parts = Sequence[tuple[float, T]]  # duration [s] and shape of each part
@@ -71,7 +72,7 @@ MIN_ROWS = 4
 class StrokeFile:
     """The cubic spline through the file's samples; before the first and after the last sample it rests there.
 
-    `table` raises RigError for a file that is no stroke.
+    `table` raises CesError for a file that is no stroke.
     """
 
     path: str = part(meaning="CSV file")
@@ -100,21 +101,21 @@ class SampledStroke:
 
 
 def read_stroke_file(path: Path) -> tuple[F, F]:
-    """Return times [s] and positions [m] of a stroke file; raises RigError naming the line."""
+    """Return times [s] and positions [m] of a stroke file; raises CesError naming the line."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             lines = csv.DictReader(file)
             lines.fieldnames = head = [name.strip() for name in lines.fieldnames or ()]
             if any(name not in head for name in COLUMNS):
-                raise RigError(f"{path}: columns are {', '.join(head)[:200] or 'none'}; expected {', '.join(COLUMNS)}")
+                raise CesError(f"{path}: columns are {', '.join(head)[:200] or 'none'}; expected {', '.join(COLUMNS)}")
             rows = np.array([_numbers(line, f"{path}:{lines.line_num}") for line in islice(lines, MAX_ROWS + 1)])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise RigError(f"{path}: cannot be read as CSV: {error}; expected the columns {', '.join(COLUMNS)}") from None
+        raise CesError(f"{path}: cannot be read as CSV: {error}; expected the columns {', '.join(COLUMNS)}") from None
     if not MIN_ROWS <= len(rows) <= MAX_ROWS:
-        raise RigError(f"{path}: {len(rows)} samples; expected at least {MIN_ROWS} and at most {MAX_ROWS}")
+        raise CesError(f"{path}: {len(rows)} samples; expected at least {MIN_ROWS} and at most {MAX_ROWS}")
     late = np.flatnonzero(np.diff(rows[:, 0]) <= 0.0)
     if len(late):
-        raise RigError(f"{path}:{late[0] + 3}: time_s does not rise; expected increasing times")
+        raise CesError(f"{path}:{late[0] + 3}: time_s does not rise; expected increasing times")
     return rows[:, 0], rows[:, 1]
 
 
@@ -126,4 +127,11 @@ def _numbers(line: Mapping[str, str], where: str) -> tuple[float, float]:
     except (ValueError, TypeError):
         pass
     found = ",".join(str(line[name]) for name in COLUMNS)
-    raise RigError(f"{where}: {found[:60]!r}; expected finite numbers in {', '.join(COLUMNS)}")
+    raise CesError(f"{where}: {found[:60]!r}; expected finite numbers in {', '.join(COLUMNS)}")
+
+
+def filtered_noise(count: int, rate_Hz: float, order: int, cutoff_Hz: float, lead_s: float, rng: Generator) -> F:
+    """Return white noise (count,) behind a Butterworth low-pass that began `lead_s` earlier."""
+    lead = round(lead_s * rate_Hz)
+    low_pass = butter(order, cutoff_Hz, fs=rate_Hz, output="sos")
+    return np.asarray(sosfilt(low_pass, rng.standard_normal(lead + count))[lead:])

@@ -16,11 +16,10 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from ces_data.arrays import F
+from ces_data.waveforms.sequences import KIND, MAX_PARTS, Shape, StrokeFile, duration, filtered_noise, find_spans
+from ces_observer.errors import CesError
 from ces_observer.fields import REQUIRED
 from ces_observer.records import OneOf, choice, items, part, quantity, read_record
-from ces_rig.drive import filtered_noise
-from ces_rig.errors import RigError
-from ces_rig.experiments.sequences import KIND, MAX_PARTS, Shape, StrokeFile, duration, find_spans
 
 Spectrum = NDArray[np.complex128]
 
@@ -105,7 +104,7 @@ class SumOfSines:
     def __post_init__(self) -> None:
         if len(self.amplitudes_m) != len(self.frequencies_Hz):
             lengths = f"{len(self.amplitudes_m)} amplitudes_m and {len(self.frequencies_Hz)} frequencies_Hz"
-            raise RigError(f"{lengths}; expected equal lengths")
+            raise CesError(f"{lengths}; expected equal lengths")
 
     def samples(self, time_s: F, rng: Generator) -> F:
         """Return the sum."""
@@ -252,8 +251,8 @@ KINDS: Mapping[str, type[Any]] = {**SINGLE, KIND: StrokeSequence}
 
 
 def make_stroke(description: object, where: str) -> Stroke:
-    """Return the stroke of the description `{kind: …, its parameters, offset_m, fade_s}`; raises RigError."""
-    return read_record(Stroke, description, where, RigError)
+    """Return the stroke of the description `{kind: …, its parameters, offset_m, fade_s}`; raises CesError."""
+    return read_record(Stroke, description, where, CesError)
 
 
 def fade(time_s: F, fade_s: float) -> F:

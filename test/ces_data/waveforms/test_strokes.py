@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import hilbert, welch
 
-from ces_rig.experiments.strokes import KINDS, ROUGHNESS_M3, QuarterVehicle, make_stroke, road_stroke
+from ces_data.waveforms.strokes import KINDS, ROUGHNESS_M3, QuarterVehicle, make_stroke, road_stroke
 
 STEP = 0.5e-3
 
