@@ -66,14 +66,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 141.7,
-    "ces_data": 93.8,
+    "ces_data": 93.7,
     "ces_report": 12.7,
     "ces_identify": 169.2,
     "ces_rig": 71.9,
     "ces_gap": 128.5,
     "ces_cli": 70.6,
     "bench": 71.7,
-    "test": 464.9,
+    "test": 464.6,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
