@@ -220,6 +220,14 @@ def test_without_a_script_the_page_is_whole(report):
         assert not page.locator("button").count()
 
 
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """The page of one recording."""
+    path = tmp_path_factory.mktemp("small") / "report.html"
+    write_report(path, "Model a.json", model(), evaluate(model(), [damper("road")], VALIDATION), {})
+    return path
+
+
 class Finger:
     """A finger on a page, as the browser gets it from a touch screen."""
 
@@ -239,8 +247,8 @@ class Finger:
         self.session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points, "timestamp": at_s})
 
 
-def test_keys_go_from_cell_to_cell_of_a_map(report):
-    with open_page(report) as page:
+def test_keys_go_from_cell_to_cell_of_a_map(small):
+    with open_page(small) as page:
         frame = page.locator("#coverage .value-frame").last
         label = frame.locator(".value-label")
         frame.focus()
@@ -270,8 +278,8 @@ def test_tab_reaches_every_chart_in_the_order_of_the_page(pages):
         assert order == list(range(count))
 
 
-def test_a_screen_reader_finds_every_chart_by_name(report):
-    with open_page(report) as page:
+def test_a_screen_reader_finds_every_chart_by_name(small):
+    with open_page(small) as page:
         seen = page.locator("main").aria_snapshot()
         names = page.evaluate("[...document.querySelectorAll('main svg[role=img] > title')].map(t => t.textContent)")
         assert len(names) >= 5
@@ -288,8 +296,8 @@ def test_forced_colours_keep_bars_and_lines_apart(pages):
         assert len({page.evaluate(script, list(part)) for part in (("body", "backgroundColor"), *parts)}) == 4
 
 
-def test_one_finger_scrolls_the_page_then_moves_the_chart_and_reads_a_cell(report):
-    with open_page(report, touch=True, width=900, height=700) as page:
+def test_one_finger_scrolls_the_page_then_moves_the_chart_and_reads_a_cell(small):
+    with open_page(small, touch=True, width=900, height=700) as page:
         frame, finger = page.locator(FIRST_FRAME), Finger(page)
         for way_x, way_y, steps in ((0, -150, 12), (120, 0, 6)):
             frame.evaluate("e => e.scrollIntoView({block: 'center'})")
