@@ -34,8 +34,8 @@ class SamplingLimits:
     OUTLIER_FACTOR = 25.0  # times the RMS of the innovations: up to 24 are measured (brake; Dyke: 12, others: 10)
     OUTLIER_S = 2.5e-3  # [s] or the RMS speed in this time, or in two ticks, so that a restart in motion succeeds
     STROKE_MARGIN_M = 0.05  # [m] beyond the recorded stroke, or its length if that is more (docs/speed.md)
-    WIDER_HZ = ((3.0, 7.5, 18.75, 46.9, 117.2), (6.0, 15.0, 37.5, 93.8, 234.4))  # [Hz] modes; Dyke takes the latter
-    MIN_LIKELIHOOD_GAIN = 0.1  # of the log likelihood a tick, for these: so UTFSM and brake keep the usual ones
+    WIDER_HZ = (6.0, 15.0, 37.5, 93.8, 234.4)  # [Hz] modes for strokes beyond vehicles': Dyke's
+    MIN_LIKELIHOOD_GAIN = 0.1  # of the log likelihood a tick, for these: Dyke gains over 0.3, the other rigs nothing
     HIGHEST_SHARE = 0.125  # of the rate: the modes' frequencies; a resonance needs eight ticks a period
     DELAY_SLACK = 0.02  # ticks by which a delay may be off a whole number: 3 ms are 9.015 ticks at Dyke's 3,005 Hz
 
@@ -43,7 +43,7 @@ class SamplingLimits:
 class WeightLimits:
     """Regions of ticks with a weight of their own (thesis, section 6.3)."""
 
-    SLOW_M_S = 0.05  # [m/s] |speed| of a zero crossing, by default: where dry friction rules
+    SLOW_M_S = 0.05  # [m/s] |speed| of a zero crossing, by default: a quarter of the road's RMS speed
     CENTRAL = 0.8  # share of the stroke between its ends, by default
     MAX_WEIGHT = 1e6  # one tick of 17 min at 1 kHz then counts as much as all others
 
@@ -66,9 +66,7 @@ class CycleLimits:
 
     MIN_CYCLES = 5  # of which three have both neighbours
     MIN_PERIOD_S = 0.02  # [s] 50 Hz: faster than rigs move
-    MISMATCH = (
-        0.01  # RMS difference of a cycle from its neighbours: of the stroke's spread (table: 1.4 %), or the current
-    )
+    MISMATCH = 0.01  # RMS difference of a cycle from its neighbours: of the stroke's spread, or of the RMS current
 
 
 class EnvelopeLimits:
@@ -76,7 +74,6 @@ class EnvelopeLimits:
 
     INPUT_MARGIN = 0.1  # of an input's span, on both sides
     FORCE_MARGIN = 0.5  # of the measured force's span, on both sides: twice the force, if it is as large both ways
-    ROUND_ZERO = 0.25  # of the range of forces, beyond 0, where every run starts
     HELD_FORCE = 1.5  # times the largest recorded: where a hydraulic network's force is held,
     HELD_PRESSURE = 2.0  # and times the largest that the recordings need: where its pressures are
     REACH = 2.0  # times the inputs' ranges: how far a hydraulic network extrapolates (docs/structures.md)
@@ -160,10 +157,11 @@ class ForgettingLimits:
 
 
 class ResultLimits:
-    """Whether an identification has a result at all."""
+    """Whether an identification has a result at all, and standard errors."""
 
     UNEXPLAINED_J = 60.0  # [%] beyond the noise: the model explains nothing (docs/checks.md)
     WITHOUT_SPEED_J = 30.0  # [%] the same for a polynomial without the speed (docs/checks.md)
+    MIN_BLOCKS = 1.0  # of 0.25 s, for each parameter that the data determine: 15 s (docs/structures.md)
     AGREEMENT, AGREEMENT_J = 1.25, 0.5  # a model's J over the one shown for it, and [%] beside: a last fit changes less
 
 
@@ -188,7 +186,7 @@ class VerdictLimits:
 
 
 class MotionLimits:
-    """Position and speed of a dyno's recording, without delay."""
+    """Position and speed of a dyno's recording, without delay (docs/characterise.md)."""
 
     MIN_BANDWIDTH_HZ, MAX_BANDWIDTH_HZ = 30.0, 200.0  # [Hz] of the speed
     MAX_BANDWIDTH_SHARE = 0.25  # of the sampling rate
@@ -198,7 +196,7 @@ class MotionLimits:
 
 
 class DynoLimits:
-    """Which cycles count as those of a damper dyno, and which belong together."""
+    """Which cycles count as those of a damper dyno, and which belong together (docs/characterise.md)."""
 
     MIN_SAMPLES = 20  # of a cycle
     MIN_BANDWIDTH_RATIO = 5.0  # bandwidth over the frequency of the cycle: the speed of a sine is 0.2 % low
@@ -217,7 +215,7 @@ class DynoLimits:
 
 
 class StepLimits:
-    """Which steps of the current show the response of the valve."""
+    """Which steps of the current show the response of the valve (docs/characterise.md)."""
 
     PLATEAU_S = 0.05  # [s] of constant current before and after a step
     MAX_STEP_S = 0.04  # [s] that the change of the logged current may take
@@ -233,7 +231,7 @@ class StepLimits:
 
 
 class BinLimits:
-    """Force over speed of any motion: which bins are shown, and whether the current has levels."""
+    """Force over speed of any motion (docs/characterise.md): bins that are shown, and levels of the current."""
 
     MAX_LEVELS = 12
     MIN_STEADY = 0.5  # share of samples at a steady current, for levels

@@ -18,7 +18,6 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.limits import EnvelopeLimits
 from ces_identify.numerics.core import compile_tick, pointer, run_batch, with_names
 from ces_identify.numerics.least_squares import (
     BLOCK,
@@ -41,6 +40,7 @@ from ces_observer.structures.terms import Term
 from ces_observer.tick.lagged import LAGGED_PHI
 
 SIGNALS = ("position", "speed", "current")
+DECAY = 3e-6  # [(J / 100)^2] cost of a squared parameter, by which unused ones fade
 LOOSE = 1e3  # limit of the force in a descent, in standard deviations
 
 
@@ -148,17 +148,15 @@ def build_training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Tr
     """Return the data to fit to; raises RecordingError if there is too little."""
     problem = assemble_problem(series, (Term(1.0, ()),), weighting=weighting)
     scored = problem.everything > 0.0
-    low, high = problem.force_envelope
-    reach = EnvelopeLimits.ROUND_ZERO * (high - low)
     return Training(
-        inputs=np.stack([np.concatenate([getattr(s, name) for s in series]) for name in SIGNALS]),
+        inputs=np.concatenate([s.inputs for s in series], axis=1),
         measured=problem.measured,
         segments=problem.segments,
         recordings=problem.recordings,
         estimation=np.where(problem.selection > 0.0, 0.0, problem.everything),
         selection=problem.selection,
         envelope=problem.envelope,
-        force_envelope=(min(low, -reach), max(high, reach)),
+        force_envelope=problem.force_envelope,
         scale_N=float(problem.measured[scored].std()),
     )
 

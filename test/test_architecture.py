@@ -66,14 +66,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 140.3,
-    "ces_data": 94,
+    "ces_data": 93.9,
     "ces_report": 12.7,
-    "ces_identify": 169,
+    "ces_identify": 168.8,
     "ces_rig": 71.9,
-    "ces_gap": 128.6,
-    "ces_cli": 70.7,
+    "ces_gap": 128.5,
+    "ces_cli": 70.6,
     "bench": 72.1,
-    "test": 475.1,
+    "test": 470,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

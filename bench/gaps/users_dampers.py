@@ -19,7 +19,7 @@ RATE_HZ = 1000.0
 POSITION_NOISE_M = 3e-6
 
 
-def filtered_speed(time_s: F, position_m: F, corner_Hz: float = 80.0) -> F:
+def filter_speed(time_s: F, position_m: F, corner_Hz: float = 80.0) -> F:
     """Return the speed [m/s] of a stroke behind the user's low-pass."""
     rate = 1.0 / float(np.median(np.diff(time_s)))
     sos = butter(2, corner_Hz, fs=rate, output="sos")
@@ -39,7 +39,7 @@ def knee(
     seal_N: float = 25.0,
 ) -> F:
     """Return the force of a damper whose curve bends at a knee, with gas and a seal."""
-    speed = filtered_speed(time_s, position_m)
+    speed = filter_speed(time_s, position_m)
     bent = knee_m_s * np.tanh(speed / knee_m_s)
     opened = (low_N_s_m - high_N_s_m) * bent + high_N_s_m * speed
     return np.asarray((1.0 + gain_1_A * current_A) * opened + gas_N_m * position_m + seal_N * np.tanh(speed / 0.005))
@@ -69,7 +69,7 @@ def bouc_wen(
     k_N_m: float = 1200.0,
 ) -> F:
     """Return the force of a magneto-rheological damper after Bouc and Wen."""
-    speed = filtered_speed(time_s, position_m)
+    speed = filter_speed(time_s, position_m)
     z = _evolve(speed, float(time_s[1] - time_s[0]), gamma_1_m2, 0.25 * gamma_1_m2, A)
     yielding = alpha_N_m * (0.3 + alpha_1_A * current_A) * z
     return np.asarray((c0_N_s_m + c1_N_s_m_A * current_A) * speed + yielding + k_N_m * position_m)
@@ -101,7 +101,7 @@ def chamber(
     seal_N: float = 20.0,
 ) -> F:
     """Return the force of one elastic chamber behind an orifice and a relief valve that the current closes."""
-    speed = filtered_speed(time_s, position_m)
+    speed = filter_speed(time_s, position_m)
     hydraulic = _fill(speed, current_A, float(time_s[1] - time_s[0]), leak_N_s_m, stiffness_N_m, orifice_1, relief_N)
     return np.asarray(hydraulic + gas_N_m * position_m + seal_N * np.tanh(speed / 0.005))
 

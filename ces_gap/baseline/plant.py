@@ -109,14 +109,14 @@ def change_recording(trace: Trace, inputs: TraceInputs) -> Recording:
     channels = {n: c for n, c in recording.channels.items() if n != "sim_force"}
     constants = dict(recording.constants)
 
-    def moved(logged: Channel, change: F) -> Channel:
+    def move(logged: Channel, change: F) -> Channel:
         added = np.interp((logged.stamps_ns - start) * 1e-9, trace.time_s, change)
         return replace(logged, values=logged.values + added)
 
-    channels["position"] = moved(channels["position"], inputs.position - trace.inputs.position)
+    channels["position"] = move(channels["position"], inputs.position - trace.inputs.position)
     if not inputs.current_as_logged:
         if constants.pop("current", None) is not None or len(channels["current"]) < len(trace):
             channels["current"] = Channel("current", "A", trace.grid_ns(), inputs.current)
         else:
-            channels["current"] = moved(channels["current"], inputs.current - trace.inputs.current)
+            channels["current"] = move(channels["current"], inputs.current - trace.inputs.current)
     return replace(recording, channels=channels, constants=constants)

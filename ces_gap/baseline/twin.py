@@ -95,7 +95,7 @@ class TraceTwin(TraceSimulator):
         return make_run(self.twin, self.trace)
 
     @cached_property
-    def recorded(self) -> F:
+    def recorded_force(self) -> F:
         """The twin's force [N] (n,) for the recorded inputs."""
         return self._on_grid(self.run)
 
@@ -103,7 +103,7 @@ class TraceTwin(TraceSimulator):
         """Return the simulated force [N] (n,) for the inputs."""
         if inputs is self.trace.inputs:
             return self.trace.simulated
-        error = self.trace.simulated - self.recorded
+        error = self.trace.simulated - self.recorded_force
         return self._on_grid(self._with(inputs)) + carry_error(error, self.trace, inputs)
 
     def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
@@ -113,10 +113,10 @@ class TraceTwin(TraceSimulator):
     def change(self, trace: Trace, inputs: TraceInputs, composition: Composition) -> F:
         """Return the change of force [N] (n,) by the effects of a composition that lie inside."""
         plain = self._with(inputs)
-        after, share = self._on_grid(composition.edit(plain)), composition.replaced
+        after, share = self._on_grid(composition.edit(plain)), composition.network_share
         if share:
             return np.asarray(share * (after - self.force(trace, inputs)))
-        before = self.recorded if inputs is self.trace.inputs else self._on_grid(plain)
+        before = self.recorded_force if inputs is self.trace.inputs else self._on_grid(plain)
         return np.asarray(after - before)
 
     def _with(self, inputs: TraceInputs) -> TwinRun:

@@ -63,7 +63,7 @@ def find_own_twin(simulation: Simulation, traces: Sequence[Trace]) -> Twin | Non
 def _with_cost(twin: Twin, traces: Sequence[Trace]) -> Twin:
     """Return the twin with its cost on all ticks of the traces."""
     force = usable_values(traces, [t.simulated for t in traces])
-    error = force - usable_values(traces, [twin.prepare_for(t).recorded for t in traces])
+    error = force - usable_values(traces, [twin.prepare_for(t).recorded_force for t in traces])
     return replace(twin, cost_J=100.0 * rms(error) / max(float(force.std()), 1e-9))
 
 
@@ -137,7 +137,7 @@ def find_column(twin: Twin, traces: Sequence[Trace]) -> float:
         rate = derivative(trace.simulated, trace.rate_Hz)
         columns = rate, derivative(rate, trace.rate_Hz), trace.acceleration
         parts.append(np.stack(columns, axis=1)[trace.usable])
-        errors.append((trace.simulated - twin.prepare_for(trace).recorded)[trace.usable])
+        errors.append((trace.simulated - twin.prepare_for(trace).recorded_force)[trace.usable])
     matrix, error = np.concatenate(parts), np.concatenate(errors)
     size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-9)
     weights = np.linalg.lstsq(matrix / size, error, rcond=None)[0] / size

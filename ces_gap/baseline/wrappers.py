@@ -111,14 +111,14 @@ class RememberedSimulation(Simulation):
     opened: dict[bytes, Any] = field(default_factory=dict, hash=False, repr=False)
 
     @property
-    def changed(self) -> Simulation:
+    def with_own_values(self) -> Simulation:
         """The simulation with the values, which remembers nothing."""
         return self.original.with_values(self.values)
 
     @property
     def innermost(self) -> Simulation:
         """The simulation inside all wrappers, with the values."""
-        return self.changed.innermost
+        return self.with_own_values.innermost
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -136,7 +136,7 @@ class RememberedSimulation(Simulation):
 
         def run() -> F:
             opened = _recall(self.opened, inputs, lambda: self.original.open(recording), MAX_OPENED)
-            force = self.changed.run(opened)
+            force = self.with_own_values.run(opened)
             force.flags.writeable = False
             return force
 

@@ -246,7 +246,7 @@ def _assemble(
     alternatives = tuple(_as_alternative(best, h) for h in choice.alternatives)
     series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
     if isinstance(calibrated, RememberedSimulation):
-        calibrated = calibrated.changed
+        calibrated = calibrated.with_own_values
     facts = tuple(groups), before_N, after_N, noise_N, missing, alternatives, notes, best.is_smoothed, series
     return Calibration(spec, calibrated, parameters, *facts)
 

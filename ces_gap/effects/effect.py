@@ -156,7 +156,7 @@ class Composition:
         return any(s.effect.edits for s in self.settings)
 
     @property
-    def replaced(self) -> float:
+    def network_share(self) -> float:
         """The share of the simulation's force in whose place the network of an effect stands."""
         return sum(s.values[0] for s in self.settings if s.effect.edits and s.effect.stage == SIMULATION)
 

@@ -48,7 +48,7 @@ class TwinRun:
             return force
         return apply_response(force, 1.0 / self.step_s, lambda w: 1.0 / column_response(self.column_s2, w))
 
-    def softened(self, by_m_N: float) -> TwinRun:
+    def soften(self, by_m_N: float) -> TwinRun:
         """Return the run behind a spring of a compliance [m/N]; the column's mass rings on that, too."""
         more_s2 = self.body.side.mass_kg * by_m_N if self.column_s2 > 0.0 else 0.0
         softer = self.with_body(mount_m_N=self.body.mount_m_N + by_m_N)
@@ -65,14 +65,14 @@ class TwinRun:
         motion is moved back by the difference, which follows from the force by iteration (Picard): a contraction.
         """
         side = replace(self.body.side, gas_N=tuple(0.0 for _ in self.body.side.gas_N), viscous_Ns_m=0.0, mass_kg=0.0)
-        inner = self.softened(softest_m_N)
+        inner = self.soften(softest_m_N)
         back = np.zeros_like(self.position)
         for _ in range(ROUNDS):
-            force = inner.moved(back).with_body(side=side).force()
+            force = inner.move(back).with_body(side=side).force()
             back = softest_m_N * force - deflect(force)
-        return inner.moved(back)
+        return inner.move(back)
 
-    def moved(self, by_m: F) -> TwinRun:
+    def move(self, by_m: F) -> TwinRun:
         """Return the run with its position moved by (m,) [m]."""
         return replace(self, position=self.position + by_m, speed=self.speed + np.gradient(by_m, self.step_s))
 

@@ -57,7 +57,7 @@ class Probe:
 
     def force(self, setting: Setting) -> F:
         """Return the force [N] (n,) that `setting` adds."""
-        plant, alone = self._prepared
+        plant, alone = self._plant_and_force
         return np.asarray(plant.with_effects(Composition((setting,)), self.trace, alone) - alone)
 
     def tangent(self, setting: Setting) -> Tangent:
@@ -76,7 +76,7 @@ class Probe:
         return float(np.linalg.norm(self.whiten(self.force(setting))))
 
     @cached_property
-    def _prepared(self) -> tuple[Plant, F]:
+    def _plant_and_force(self) -> tuple[Plant, F]:
         """The plant prepared for the trace, and its force alone [N] (n,)."""
         return self.plant.prepare_for(self.trace), self.plant.alone(self.trace)
 

@@ -136,7 +136,7 @@ def simulate_experiment(simulation: TraceSimulator, recipe: Recipe) -> Trace:
     channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in signals.items()}
     bare = make_trace(Recording(str(recipe["name"]), channels), np.zeros_like(position))
     if isinstance(simulation, Twin):  # there is no force to start from
-        return replace(bare, simulated=simulation.prepare_for(bare).recorded)
+        return replace(bare, simulated=simulation.prepare_for(bare).recorded_force)
     return replace(bare, simulated=simulation.force(bare, bare.inputs))
 
 

@@ -128,12 +128,12 @@ def confirm_ties(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple
     """
     most = 1.0 - max(e.search.twin_error, 0.0)
 
-    def seen(closed: ClosedShare) -> ClosedShare:
+    def limit_share(closed: ClosedShare) -> ClosedShare:
         return ClosedShare(*(min(share, most) for share in (closed.value, closed.low, closed.high)))
 
     def is_rejected(member: str, name: str) -> bool:
         is_scored = {*e.composition} == {member} and name in e.closed_alone
-        return is_scored and leaves_clearly_more(seen(e.closed_alone[name]), seen(e.closed))
+        return is_scored and leaves_clearly_more(limit_share(e.closed_alone[name]), limit_share(e.closed))
 
     close = [(member, *(n for n in names if not is_rejected(member, n))) for member, *names in groups]
     return tuple(group for group in close if len(group) > 1)

@@ -33,7 +33,7 @@ from ces_identify.options import (
     THREADS,
     TIME,
 )
-from ces_identify.polynomial.candidates import CandidateRules
+from ces_identify.polynomial.candidate_rules import CandidateRules
 from ces_identify.polynomial.rules_file import built_in_rules, load_rules
 from ces_identify.structures import KITS
 from ces_identify.structures.polynomial import POLYNOMIAL

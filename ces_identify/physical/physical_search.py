@@ -72,7 +72,8 @@ class PhysicalSearch:
             if best and depends_on_stroke(best):
                 self._fit_kind(make(kind=best.models.kind, bypass=True), len(kinds))
             if best and self.limits.work >= SHORT_WORK:
-                self._weaken(self._sorted()[0], HELD_STRENGTHS if held else STRENGTHS)
+                weaker = (HELD_STRENGTHS if held else STRENGTHS)[1:]
+                self._weaken(self._sorted()[0], weaker, [NODE_STEPS] * len(weaker))
         except KeyboardInterrupt:
             self.stop.set()
         return self._sorted()
@@ -85,14 +86,9 @@ class PhysicalSearch:
         The last descent has as many steps as that on nodes; the others, which lead to it, half of them.
         """
         models, theta = fit.models.at_interval(training, interval_s, fit.theta)
-        best = fit
-        for k, strength in enumerate(strengths, 1):
-            steps = NODE_STEPS if k == len(strengths) else NODE_STEPS // 2
-            weaker = self._fit(models, theta, strength, 0, steps)
-            if k > 1 and weaker.cost > ChoiceLimits.WEAKER_PULL * best.cost:
-                break
-            best, theta = weaker, weaker.theta
-        return best
+        steps = [NODE_STEPS // 2] * (len(strengths) - 1) + [NODE_STEPS]
+        again = self._fit(models, theta, strengths[0], 0, steps[0])
+        return self._weaken(again, strengths[1:], steps[1:])
 
     def refit(self, fit: PhysicalFit, share: F | float = 1.0) -> F:
         """Return the parameters after a last fit to all ticks, weighted by `share` (ticks,)."""
@@ -121,12 +117,14 @@ class PhysicalSearch:
             theta = [theta, *steps][-1]
         self._fit(*models.free(theta), STRENGTHS[0], seed, round(share * NODE_STEPS))
 
-    def _weaken(self, best: PhysicalFit, strengths: Sequence[float]) -> None:
-        for strength in strengths[1:]:
-            weaker = self._fit(best.models, best.theta, strength, 0, NODE_STEPS)
+    def _weaken(self, best: PhysicalFit, strengths: Sequence[float], steps: Sequence[int]) -> PhysicalFit:
+        """Return the fit continued with weaker and weaker pulls, as long as that helps."""
+        for strength, count in zip(strengths, steps, strict=True):
+            weaker = self._fit(best.models, best.theta, strength, 0, count)
             if weaker.cost > ChoiceLimits.WEAKER_PULL * best.cost:
                 break
             best = weaker
+        return best
 
     def _fit(self, models: HydraulicModels, start: F, strength: float, seed: int, steps: int) -> PhysicalFit:
         """Return the parameters with the lowest selection cost of one descent; keep them if it is finite."""

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.limits import ResultLimits
 from ces_identify.physical.models import HydraulicModels, free_run
 from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.structure import Range
 
 BLOCK_S = 0.25
-MIN_BLOCKS = 1.0  # for each parameter that the data determine
 STEP = 1e-3  # of a parameter's standard error, to differentiate what follows from it
 
 
@@ -55,7 +55,7 @@ def parameter_errors(models: HydraulicModels, theta: F, strength: float) -> Para
     inverse = np.linalg.inv(matrix + np.diag(pull))
     used = gradients[(gradients != 0.0).any(axis=1)]
     determined = float(np.trace(inverse @ matrix))
-    if len(used) < MIN_BLOCKS * determined:
+    if len(used) < ResultLimits.MIN_BLOCKS * determined:
         return None
     slope = gradients.sum(axis=0) + pull * (theta - layout.centre)
     parts = [used.T * np.sqrt(len(used) / (len(used) - 0.5 * determined)), np.diag(pull), slope]

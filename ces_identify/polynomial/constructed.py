@@ -15,7 +15,7 @@ import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.search import Limits, SearchResult, SearchStart, clock_s
-from ces_identify.polynomial.candidates import CandidateRules, SignalRule
+from ces_identify.polynomial.candidate_rules import CandidateRules, SignalRule
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen, signal_values
 from ces_identify.polynomial.rules_file import FIRST_GUESS_S, constructions_from
@@ -121,7 +121,7 @@ def _scored_values(signal: str, definition: ConstructedInput | None, series: Seq
     """Return the values (n,) of a signal on all scored ticks."""
     definitions, values = [] if definition is None else [definition], []
     for s in series:
-        by_signal = signal_values(definitions, ANYTHING, (s.position, s.speed, s.current), s.segments, s.rate_Hz)
+        by_signal = signal_values(definitions, ANYTHING, s.inputs, s.segments, s.rate_Hz)
         values.append(by_signal[signal][s.scored])
     return np.concatenate(values)
 

@@ -40,7 +40,7 @@ clamp_value, update_inputs, membership_value = (
 
 
 def signal_values(
-    constructed: Sequence[ConstructedInput], envelope: Envelope, inputs: Sequence[F] | F, segments: I, rate_Hz: float
+    constructed: Sequence[ConstructedInput], envelope: Envelope, inputs: F, segments: I, rate_Hz: float
 ) -> dict[str, F]:
     """Return position, speed and current (ticks,), clamped, and each constructed input as the observer computes it.
 
@@ -95,7 +95,7 @@ class TermLayout:
         """Return the arrays of the terms at the indices `chosen`."""
         return TermArrays(*(array[chosen] for array in self.arrays))
 
-    def power_table(self, envelope: Envelope, inputs: Sequence[F] | F, segments: I, rate_Hz: float) -> F:
+    def power_table(self, envelope: Envelope, inputs: F, segments: I, rate_Hz: float) -> F:
         """Return each power of its signal, shape (max(1, powers), ticks); for the inputs see `signal_values`."""
         values = signal_values(self.constructed, envelope, inputs, segments, rate_Hz)
         table = np.zeros((max(1, len(self.powers)), len(inputs[0])))
@@ -243,7 +243,7 @@ def assemble_problem(
         require_force(recorded)
     envelope = compute_envelope(series)
     layout = lay_out_terms(candidates)
-    inputs = [np.concatenate([getattr(s, name) for s in series]) for name in BASE]
+    inputs = np.concatenate([s.inputs for s in series], axis=1)
     offsets = np.cumsum([0, *(len(s) for s in series[:-1])])
     stacked = np.concatenate([s.segments + offset for s, offset in zip(series, offsets, strict=True)])
     segments = np.ascontiguousarray(stacked, np.int64)

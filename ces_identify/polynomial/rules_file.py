@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_identify.numerics.search import GAUSS_NEWTON, THESIS
-from ces_identify.polynomial.candidates import (
+from ces_identify.polynomial.candidate_rules import (
     FORMS,
     SIGNALS,
     CandidateRules,

@@ -133,7 +133,7 @@ def choose_sampling(
     speed = max(float(f"{_rms([speed_rms(s) for s in spectra]):.3g}"), SamplingLimits.MIN_SPEED_M_S)
     density = float(np.mean([noise_density(s) for s in spectra]))
     ticks, wider_Hz = SamplingLimits.TICKS_A_PERIOD, SamplingLimits.WIDER_HZ
-    widest = min(slowest, ticks * wider_Hz[-1][-1]) if rate_Hz is None else rate_Hz
+    widest = min(slowest, ticks * wider_Hz[-1]) if rate_Hz is None else rate_Hz
     sampling = Sampling(
         widest, 1.0, speed, believed_stroke(recordings), 1.0, max_gap_s=gap,
         motion=choose_motion(recordings) if motion is None else motion,
@@ -141,7 +141,7 @@ def choose_sampling(
     if sampling.motion:
         noise = _rms([measure_motion_noise(recording, sampling) for recording in recordings])
         sampling = replace(sampling, motion_noise=float(f"{max(noise, 1e-9):.3g}"))
-    chosen, innovation = _most_likely(recordings, sampling, density, (FREQUENCIES_HZ, *wider_Hz))
+    chosen, innovation = _most_likely(recordings, sampling, density, (FREQUENCIES_HZ, wider_Hz))
     enough_Hz = max(SamplingLimits.MIN_RATE_HZ, ticks * chosen.frequencies_Hz[-1])
     rate = min(widest, enough_Hz) if rate_Hz is None else rate_Hz
     if rate != widest:

@@ -56,6 +56,11 @@ class Series:
     def __len__(self) -> int:
         return len(self.time_s)
 
+    @property
+    def inputs(self) -> F:
+        """Position [m], speed [m/s] and current [A], shape (3, ticks)."""
+        return np.stack([self.position, self.speed, self.current])
+
     def part(self, first: float, last: float) -> Series:
         """Return the share [first, last) of the ticks as a series of its own, with its own warm-up."""
         a, b = round(first * len(self)), round(last * len(self))

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ces_identify.physical.laws import EASY, SHUT, STARTS
+from ces_identify.prepare.series import changes
 from ces_observer.model import Model
 from ces_observer.structures.curves import MIN_OPENING, Bypass, FlowMap
 from ces_observer.structures.hydraulic import EDGES, Hydraulic
@@ -72,7 +73,6 @@ TIMES = "times"
 MAX_GAIN = 3.0  # of the current: more would turn curves of a valve around
 MAX_GAS = 5.0  # change of the gas force, relative to the largest force
 WIDER = 10.0  # ranges of pressures and forces, in which a changed model is held
-MIN_CURRENT = 1e-3  # [A] of the range identified on
 LEAST = 0.01  # rise of a changed curve, relative to the least before
 
 
@@ -86,7 +86,7 @@ def hydraulic_parameters(model: Model) -> tuple[Parameter, ...]:
         0.5 * (body.valve.rise_s + body.valve.fall_s),
     )
     most_N, speed = max(map(abs, model.force_envelope_N)), max(map(abs, model.envelope.speed_m_s))
-    currents = float(np.ptp(model.envelope.current_A)) > MIN_CURRENT  # of a constant one, gain and lag are unknown
+    currents = changes(np.array(model.envelope.current_A))  # of a constant one, gain and lag are unknown
     return (
         *(Parameter(name, 1.0, unit=TIMES) for name in find_valves(body)),
         *([Parameter("current_gain", 1.0, 1.0 / MAX_GAIN, MAX_GAIN, TIMES)] if currents else []),

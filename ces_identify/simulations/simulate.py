@@ -17,8 +17,7 @@ from ces_observer.tick.tracker import OK, RESTARTED
 
 def simulate_series(model: Model, series: Series) -> FreeRun:
     """Return the free run of `model` on a prepared series."""
-    inputs = np.stack([series.position, series.speed, series.current])
-    force, held = run_batch(model, inputs, series.segments)
+    force, held = run_batch(model, series.inputs, series.segments)
     return FreeRun(force, outside_envelope(model, series), held, model.force_envelope_N)
 
 

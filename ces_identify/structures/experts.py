@@ -24,6 +24,7 @@ from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit, check_whole, require_models
 from ces_identify.structures.mixture import mean_of
 from ces_identify.training import (
+    DECAY,
     LaggedModels,
     Lags,
     Training,
@@ -52,7 +53,6 @@ FIRST_ROWS = (1.0, 0.1, 0.5)  # standard deviations of gates, and of linear part
 GAIN_PULL = 1e-5  # [(J / 100)^2] of a squared change of a gain's or room's parameter
 LAGS_S = (0.0, 1e-3, 3e-3, 7e-3, 15e-3)  # of speed and current (Dyke: 15 %; with the last four ticks of 3 kHz 20 %),
 LEAST_LAGS = 4  # and at least so many (Keio, 200 Hz: 9 %, with three 11 %)
-DECAY = 3e-6  # [(J / 100)^2] cost of a squared weight
 STARTS, MEMBERS = 6, 3  # starts at most; of these in the mean
 STARTS_TICKS = 120_000  # of all starts together; there are MEMBERS at least
 ROUNDING = 1e-12  # relative, of the limit of a gain

@@ -94,7 +94,7 @@ def measure_forgetting(
     Without `pasts`, only starts anew along the recordings are run. `run` is the batch run of the model.
     """
     chosen = sorted(series, key=len)[-SERIES:]
-    runs = [(recorded, run(model, _inputs(recorded), recorded.segments)[0]) for recorded in chosen]
+    runs = [(recorded, run(model, recorded.inputs, recorded.segments)[0]) for recorded in chosen]
     spread = float(np.std(np.concatenate([force for _, force in runs])))
     left = _left_of_pasts(partial(run, model), _Courses(model, chosen, after_s), spread) if pasts else {}
     low, high = model.force_envelope_N
@@ -110,10 +110,6 @@ def _left_of_pasts(run: ModelRun, courses: _Courses, spread_N: float) -> dict[st
         share = _left(run, [courses.join(past, same) for past in pasts], same.shape[1]) / spread_N
         left[name] = max(left.get(name, 0.0), share)
     return left
-
-
-def _inputs(series: Series) -> Course:
-    return np.stack([series.position, series.speed, series.current])
 
 
 def _left(run: ModelRun, courses: Sequence[Course], ticks: int) -> float:
@@ -133,7 +129,7 @@ def _settling_s(run: ModelRun, series: Series, force: F, limit_N: float, after_s
     first, stop = series.segments[np.diff(series.segments)[:, 0].argmax()]
     length = min(round(2.0 * after_s * series.rate_Hz), (stop - first) // 2)
     starts = np.linspace(first, stop - length, RESTARTS + 1).astype(np.int64)[1:]
-    parts = [_inputs(series)[:, at : at + length] for at in starts]
+    parts = [series.inputs[:, at : at + length] for at in starts]
     ends = length * np.arange(1, RESTARTS + 1)
     anew, _ = run(np.concatenate(parts, axis=1), np.stack([ends - length, ends], axis=1))
     apart = (anew - np.concatenate([force[at : at + length] for at in starts])).reshape(RESTARTS, length)
@@ -210,7 +206,7 @@ class _Courses:
         if stop - first < ticks:
             return None
         at = int(self.random.integers(first, stop - ticks + 1))
-        return _inputs(chosen)[:, at : at + ticks]
+        return chosen.inputs[:, at : at + ticks]
 
     def join(self, past: Course, same: Course) -> Course:
         """Return a past, the way from its end to the beginning of what follows, and that."""

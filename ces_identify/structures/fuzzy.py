@@ -240,7 +240,7 @@ class FuzzyShape(LaggedShape):
     currents: int = 2
     current_delay_s: float = 0.008  # of the current in the premises
     lags: training.Lags | training.LagCounts | None = None
-    decay: float = 3e-6  # [(J / 100)^2] cost of a squared consequent
+    decay: float = training.DECAY
     strokes: int = 1
 
     def with_inputs(self, lags: training.Lags | training.LagCounts, stroke: bool) -> FuzzyShape:

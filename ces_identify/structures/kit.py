@@ -14,7 +14,7 @@ from ces_data.arrays import F, I, Mask
 from ces_identify.numerics.core import run_batch
 from ces_identify.numerics.search import Limits, Listener, SearchResult
 from ces_identify.physical.models import HydraulicModels
-from ces_identify.polynomial.candidates import CandidateRules
+from ces_identify.polynomial.candidate_rules import CandidateRules
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_observer.errors import CesError

@@ -15,6 +15,7 @@ from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import AUTO, StructureKit
 from ces_identify.structures.lagged import LaggedShape
 from ces_identify.training import (
+    DECAY,
     LAG_SETS,
     Family,
     LagCounts,
@@ -149,7 +150,7 @@ class NetworkShape(LaggedShape):
     option: ClassVar[str] = Network.option
     units: int = 10
     lags: Lags | LagCounts | None = None
-    decay: float = 3e-6  # [(J / 100)^2]
+    decay: float = DECAY
     stroke: bool = False
 
     def with_inputs(self, lags: Lags | LagCounts, stroke: bool) -> NetworkShape:

@@ -226,9 +226,8 @@ def contributions(polynomial: Polynomial, model: Model, runs: Sequence[Simulated
 def term_forces(polynomial: Polynomial, model: Model, simulated: SimulatedSeries) -> list[tuple[int, F]]:
     """Return each term's force [N] along the free run, which they add up to: pieces of first tick, (terms, ticks)."""
     series, run = simulated.series, simulated.run
-    inputs = np.stack([series.position, series.speed, series.current])
     terms = lay_out_terms(polynomial.terms)
-    powers = terms.power_table(model.envelope, inputs, series.segments, model.sampling.rate_Hz)
+    powers = terms.power_table(model.envelope, series.inputs, series.segments, model.sampling.rate_Hz)
     gain = np.array([term.coefficient for term in polynomial.terms])[:, None]
     forces = []
     for s, k0, k1 in pieces(series.segments):

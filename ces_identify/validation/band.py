@@ -51,7 +51,7 @@ def run_bands(bands: Sequence[Band], series: Series, force: F) -> tuple[F, F]:
     layouts = [flat.Layout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE) for _ in bands]
     for band, layout in zip(bands, layouts, strict=True):
         band.fill(layout, series.rate_Hz)
-    inputs = np.stack([series.position, series.speed, series.current, force])
+    inputs = np.vstack([series.inputs, force])
     width, state = np.empty((len(bands), len(series))), np.empty((len(STATE), len(series)))
     p = np.array([layout.p for layout in layouts])
     _run_bands(p, np.zeros(S_STRUCTURE), np.zeros(K_STRUCTURE, np.int64), inputs, series.segments, width, state)

@@ -30,4 +30,4 @@ def traced(twin: Twin | None = MADE, seed: int = 1, current_A: float | None = No
     if twin is None:
         return bare
     base = make_run(twin, bare).force()[:: count_steps(bare)]
-    return replace(bare, simulated=twin.prepare_for(bare).recorded, simulated_at_base=base)
+    return replace(bare, simulated=twin.prepare_for(bare).recorded_force, simulated_at_base=base)

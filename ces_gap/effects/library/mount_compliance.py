@@ -25,4 +25,4 @@ class SeriesMount(MountCompliance):
     parameters = (stiffness("stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing"),)
 
     def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
-        return run.softened(1.0 / values[0])
+        return run.soften(1.0 / values[0])

@@ -1,4 +1,4 @@
-"""The generic learner: noise, features as a slow readable version has them, planted weights, correction and ceiling."""
+"""The generic learner: noise, the dictionary of features, planted weights, correction and ceiling."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import pytest
 from engine_plant import NOISE_N, F, damper, traced
 from gap_traces import ar_noise
 from numpy.typing import NDArray
-from scipy.interpolate import interp1d
 
 from ces_gap.baseline import learner
 from ces_gap.baseline.learner import (
@@ -26,9 +25,8 @@ from ces_gap.baseline.learner import (
     learn_correction,
     noise_of,
 )
-from ces_gap.baseline.learner_kernels import fill_features
 from ces_gap.errors import GapError
-from ces_gap.trace import Trace
+from ces_gap.trace import Trace, TraceInputs
 from ces_observer.records import read_record, write_record
 
 EVERYWHERE = np.ones(40000, bool)
@@ -97,6 +95,29 @@ def test_a_dictionary_fills_every_column_predicts_their_weighted_sum_and_survive
     predicted = learner.predict(trace, trace.inputs, trace.simulated, weights)
     np.testing.assert_allclose(predicted, features @ weights, rtol=1e-9, atol=1e-9)
     assert read_record(Dictionary, json.loads(json.dumps(write_record(learner))), "", GapError) == learner
+
+
+@pytest.mark.parametrize(
+    ("varies", "by_force", "expected"),
+    [
+        (True, True, (-0.618798080188, -3.69022962754, 4.75785390329, 0.133596070908, 0.479514970626)),
+        (True, False, (-0.864656333924, -2.58877215579, 2.59886268918, 0.692690243838, 2.34209594431)),
+        (False, True, (0.392955105046, -2.0016450388, 0.251271304355, -1.91066488945, -1.42068677004)),
+        (False, False, (-0.449856237579, -1.37583002325, -0.857777425898, -2.88169114614, -0.205045132329)),
+    ],
+)
+def test_weights_that_are_stored_in_files_weigh_the_same_features_as_ever(
+    varies: bool, by_force: bool, expected: tuple[float, ...]
+) -> None:
+    time_s = np.arange(400) / 250.0
+    position = 0.01 * np.sin(9.0 * time_s) + 0.004 * np.sin(31.0 * time_s)
+    current, force = 0.6 + 0.3 * np.sin(3.0 * time_s), 500.0 * np.sin(11.0 * time_s + 1.0)
+    inputs = TraceInputs(position, np.gradient(position, time_s), current)
+    trace = replace(short_trace(None), rate_Hz=250.0, time_s=time_s)
+    scales = Scales((0.0, 0.01), 0.1, (0.6, 0.2), (0.0, 400.0), varies)
+    learner = Dictionary(scales, by_force)
+    weights = np.sin(1.0 + np.arange(learner.size)) ** 3
+    assert learner.predict(trace, inputs, force, weights)[[0, 50, 133, 250, 399]] == pytest.approx(expected, rel=1e-9)
 
 
 def test_extreme_currents_are_clipped() -> None:
@@ -271,79 +292,3 @@ def test_the_ceiling_explains_hardly_any_noise() -> None:
     taught = learn_ceiling(right, [t.simulated for t in right]).learnt
     for trace, predicted in zip(right, taught.crossfitted, strict=True):
         assert rms(predicted, trace) < 0.02 * NOISE_N
-
-
-KERNEL_RATE_HZ, TICKS = 250.0, 200
-FINE, COARSE, LEVEL = np.array([-2.0, -0.5, 0.5, 3.0]), np.array([-1.0, 0.2, 1.0]), np.array([-1.0, 0.0, 1.5])
-TURNS, MEMORIES_S, VALVE_S = np.array([0.05, 0.4]), np.array([0.004, 0.02, 0.1]), np.array([0.008, 0.05])
-
-
-def lagged(values: F, time_s: float) -> F:
-    """A first-order lag, that starts at the first value."""
-    out = [values[0]]
-    for value in values[1:]:
-        out.append(value + np.exp(-1.0 / (KERNEL_RATE_HZ * time_s)) * (out[-1] - value))
-    return np.array(out)
-
-
-def stopped(position: F, radius: float) -> F:
-    """A stop operator: follows the position's steps and never leaves its radius."""
-    out = [0.0]
-    for step in np.diff(position):
-        out.append(float(np.clip(out[-1] + step, -radius, radius)))
-    return np.array(out)
-
-
-def hats(values: F, knots: F) -> list[F]:
-    """Piecewise linear functions, one at a knot and zero at the others, constant beyond the ends."""
-    inside = np.clip(values, knots[0], knots[-1])
-    return list(interp1d(knots, np.eye(len(knots)), axis=1)(inside))
-
-
-def times(columns: list[F], *factors: F | float) -> list[F]:
-    return [c * factor for factor in factors for c in columns]
-
-
-def slow_features(x: F, v: F, i: F, f: F, varies: bool, by_force: bool) -> F:
-    """Every feature as a column, in order."""
-    by_current = (1.0, i) if varies else (1.0,)
-    warped = np.arcsinh(10.0 * v)
-    columns = times(hats(warped, FINE), *by_current, *((i * i,) if varies else ()))
-    columns += [x, x**2, x**3, *([x * i] if varies else []), *times(hats(warped, COARSE), x)]
-    for radius in TURNS:
-        columns += times([stopped(x, radius) / radius], *by_current, v > 0.0)
-    if varies:
-        for time in VALVE_S:
-            columns += times(hats(warped, COARSE), i - lagged(i, time))
-    for time in MEMORIES_S[:1] if by_force else MEMORIES_S:
-        columns += times(hats(np.arcsinh(10.0 * lagged(v, time)), FINE), *by_current)
-    if by_force:
-        columns += times(hats(f, LEVEL), *by_current) + times([f], *by_current)
-        for time in MEMORIES_S:
-            columns += times([3.0 * (f - lagged(f, time))], *by_current, f > 0.0)
-    return np.stack(columns, axis=1).astype(np.float64)
-
-
-def signals(seed: int) -> tuple[F, F, F, F]:
-    rng = np.random.default_rng(seed)
-    x, v, i, f = (1.5 * np.convolve(rng.standard_normal(TICKS + 9), np.full(10, 0.3), "valid") for _ in range(4))
-    return x, 0.3 * v, i, f
-
-
-def fill(x: F, v: F, i: F, f: F, varies: bool, by_force: bool, weights: F, columns: int) -> F:
-    out = np.zeros((TICKS, columns))
-    knots = (FINE, COARSE, LEVEL, TURNS, MEMORIES_S, VALVE_S)
-    fill_features(x, v, i, f, KERNEL_RATE_HZ, varies, by_force, *knots, weights, out)
-    return out
-
-
-@pytest.mark.parametrize("varies", [True, False])
-@pytest.mark.parametrize("by_force", [True, False])
-def test_features_and_their_weighted_sum_equal_those_of_the_slow_version(varies: bool, by_force: bool) -> None:
-    inputs = signals(1)
-    expected = slow_features(*inputs, varies, by_force)
-    features = fill(*inputs, varies, by_force, np.empty(0), expected.shape[1])
-    np.testing.assert_allclose(features, expected, rtol=1e-12, atol=1e-12)
-    weights = np.random.default_rng(3).standard_normal(expected.shape[1])
-    predicted = fill(*inputs, varies, by_force, weights, 1)[:, 0]
-    np.testing.assert_allclose(predicted, expected @ weights, rtol=1e-11, atol=1e-11)

@@ -43,8 +43,8 @@ def test_the_recorded_force_is_exact_and_changes_are_the_twins() -> None:
     np.testing.assert_allclose(alone.force(trace, equal), trace.simulated, atol=1e-6)
     wider = trace.inputs.with_position(1.1 * trace.inputs.position, trace.rate_Hz)
     change = alone.force(trace, wider) - trace.simulated
-    known = MADE.prepare_for(replace(trace, simulated=alone.recorded))
-    np.testing.assert_allclose(change, known.force(trace, wider) - alone.recorded, atol=2.0)
+    known = MADE.prepare_for(replace(trace, simulated=alone.recorded_force))
+    np.testing.assert_allclose(change, known.force(trace, wider) - alone.recorded_force, atol=2.0)
     assert rms(change) > 20.0
     np.testing.assert_allclose(alone.error_of_change(trace, wider), 0.1 * np.abs(change))
 
@@ -89,8 +89,8 @@ def test_a_column_of_oil_is_seen_in_the_error_of_a_twin_without_one() -> None:
 
 def test_a_softer_mount_lowers_the_frequency_of_a_column() -> None:
     run = make_run(RINGING, traced())
-    assert run.softened(1e-6).column_s2 == pytest.approx(RINGING.column_s2 + RINGING.body.side.mass_kg * 1e-6)
-    assert make_run(MADE, traced()).softened(1e-6).column_s2 == 0.0
+    assert run.soften(1e-6).column_s2 == pytest.approx(RINGING.column_s2 + RINGING.body.side.mass_kg * 1e-6)
+    assert make_run(MADE, traced()).soften(1e-6).column_s2 == 0.0
 
 
 @pytest.mark.slow
@@ -131,7 +131,7 @@ def test_a_twin_of_a_network_is_close_to_it(fitted: Twin) -> None:
     trace = traced(seed=3)
     own, made = fitted.prepare_for(trace), MADE.prepare_for(trace)
     assert fitted.cost_J < 3.0 and fitted.body.kind in twin_fit.KINDS
-    assert rms(own.recorded - made.recorded) < 0.05 * rms(made.recorded)
+    assert rms(own.recorded_force - made.recorded_force) < 0.05 * rms(made.recorded_force)
     soft = Composition((Setting(SeriesMount(), (1e6,)),))
     wanted = made.change(trace, trace.inputs, soft)
     assert rms(own.change(trace, trace.inputs, soft) - wanted) < 0.2 * rms(wanted)

@@ -9,7 +9,7 @@ import pytest
 from hydraulic_models import hydraulic_model, make_hydraulic
 from physical_examples import make_valve
 
-from bench.gaps.users_dampers import SIMULATORS, bouc_wen, filtered_speed, knee, record
+from bench.gaps.users_dampers import SIMULATORS, bouc_wen, filter_speed, knee, record
 from ces_data.arrays import F
 from ces_gap.calibrate.calibration import calibrate, free_parameters
 from ces_gap.errors import GapError
@@ -85,7 +85,7 @@ def worn_recordings():  # type: ignore[no-untyped-def]
 
 def test_of_a_whole_number_each_value_is_tried() -> None:
     def staged(time_s: F, position_m: F, current_A: F, *, stages: int = 1, gain_N: float = 100.0) -> F:
-        speed = filtered_speed(time_s, position_m)
+        speed = filter_speed(time_s, position_m)
         return np.asarray(gain_N * np.tanh(speed / 0.1) ** (2 * stages - 1))
 
     whole = FunctionSimulation("staged", staged)

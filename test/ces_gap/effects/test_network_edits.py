@@ -58,7 +58,7 @@ def trace() -> Trace:
     current = np.where((time * 2.7).astype(int) % 2 == 0, 0.2, 0.8)
     made = recording_of(time, position=position, current=current, force=np.zeros_like(time))
     bare = make_trace(made, np.zeros_like(time))
-    own = TWIN.prepare_for(bare).recorded
+    own = TWIN.prepare_for(bare).recorded_force
     return replace(bare, simulated=own, force=own)
 
 

@@ -43,7 +43,7 @@ def evidence(*seeds: int) -> Evidence:
     traces = []
     for seed in seeds:
         trace, noise = traced(SIMULATED, seed), np.random.default_rng(seed)
-        force = REAL.prepare_for(trace).recorded
+        force = REAL.prepare_for(trace).recorded_force
         traces.append(replace(trace, force=force + NOISE_N * noise.standard_normal(len(force))))
     return gather(traces, Plant(SIMULATED, twin=SIMULATED), make_white_noise(NOISE_N))
 
@@ -104,4 +104,4 @@ def test_a_map_is_static_and_a_damper_with_a_memory_is_not() -> None:
     maps = [replace(t, simulated=900.0 * np.tanh(t.inputs.speed / 0.1) * (0.5 + t.inputs.current)) for t in traces]
     late = [replace(t, simulated=np.roll(t.simulated, 5)) for t in maps]
     assert is_static(maps) and not is_static(late)
-    assert not is_static([replace(t, simulated=REAL.prepare_for(t).recorded) for t in traces])
+    assert not is_static([replace(t, simulated=REAL.prepare_for(t).recorded_force) for t in traces])

@@ -218,8 +218,8 @@ def test_an_unknown_cause_comes_with_the_closest_effect() -> None:
     assert "closest, friction" in format_text(verdict=UNKNOWN, composition=nothing)
     assert "closest" not in format_text(verdict=UNKNOWN, composition=nothing, causes=())
     assert "a learner without physics 4 N" in format_text(verdict=UNKNOWN)
-    unlimited = replace(named().gap, noise_known=False, noise_source="high frequencies, not limited by any source")
-    assert "noise not known: high frequencies" in format_text(verdict=UNKNOWN, gap=unlimited)
+    noisy_gap = replace(named().gap, noise_known=False, noise_source="high frequencies, not limited by any source")
+    assert "noise not known: high frequencies" in format_text(verdict=UNKNOWN, gap=noisy_gap)
 
 
 @pytest.mark.parametrize(

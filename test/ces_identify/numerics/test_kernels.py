@@ -47,16 +47,6 @@ def test_free_run_cost(inputs, best):
     assert kernels.free_run_cost(leaving, layout.arrays, coefficients, np.inf, *room) == np.inf
 
 
-def test_regressor_columns(inputs):
-    layout, powers, _ = tables(TERMS, inputs)
-    measured = np.random.default_rng(7).normal(size=4000)
-    for segment, k0, k1 in ((0, 0, 40), (2, 1503, 1540), (2, 3000, 3050)):
-        fast = kernels.regressor_columns(powers, measured, SEGMENTS, layout.arrays, k0, k1, segment)
-        start = SEGMENTS[segment, 0]
-        slow = [[slow_regressor(t, inputs, measured, k, start) for k in range(k0, k1)] for t in TERMS]
-        np.testing.assert_allclose(fast, slow, rtol=1e-9)
-
-
 def test_solve_normal_is_least_squares():
     random = np.random.default_rng(8)
     columns, y = random.normal(size=(200, 5)) * [1, 1e3, 1e-3, 1, 1], random.normal(size=200)
@@ -71,11 +61,3 @@ def test_solve_normal_refuses_dependent_columns():
     columns = np.random.default_rng(9).normal(size=(50, 2))
     full = np.column_stack([columns, columns @ [1.0, 2.0], np.ones(50)])
     assert not kernels.solve_normal(full.T @ full, np.array([0, 1, 2]), 1e-9)[1]
-
-
-@pytest.mark.parametrize("power", [0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.1])
-@pytest.mark.parametrize("signed", [True, False])
-def test_power_row(power, signed):
-    values = np.array([-2.0, -0.3, 0.0, 0.7, 4.0])
-    slow = [abs(s) ** power * (-1.0 if signed and s < 0 else 1.0) for s in values]
-    np.testing.assert_allclose(kernels.power_row(values, power, signed), slow, rtol=1e-14)

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from ces_identify.numerics.search import THESIS
-from ces_identify.polynomial.candidates import MAX_CANDIDATES
+from ces_identify.polynomial.candidate_rules import MAX_CANDIDATES
 from ces_identify.polynomial.rules_file import built_in_rules, load_rules, parse_rules
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import Lag
@@ -77,12 +77,9 @@ def test_lags_in_milliseconds_are_the_nearest_ticks_each_once(rate_Hz, lags, bes
     [
         ({"valve": {}}, "unknown key 'valve'"),
         ({"force": {"lags": [0]}}, "force: lags has 0; expected whole numbers from 1 on"),
-        ({"speed": {"lags": [0], "powers": [-1]}}, "powers"),
-        ({"speed": {"lags": [0], "forms": ["odd"]}}, "forms"),
         ({"speed": {}}, "speed: expected a list of lags"),
         ({"speed": {"lags_ms": []}}, r"lags_ms is \[\]; expected a list"),
         ({"speed": {"lags_ms": [200.5]}}, r"lags_ms\[0\] is 200.5; expected a number from 0 to 200"),
-        ({"speed": {"lags_ms": [float("nan")]}}, r"lags_ms\[0\] is nan; expected a number"),
         ({"speed": {"lags_ms": [0], "lags": [0]}}, r"speed: expected a list of lags, in ticks \(lags\) or"),
         ({"force": {"lags_ms": [1]}}, r"force: unknown key 'lags_ms'"),
         ({"products": []}, "products"),
@@ -96,16 +93,11 @@ def test_lags_in_milliseconds_are_the_nearest_ticks_each_once(rate_Hz, lags, bes
         ),
         ({"products": [["force", "force"]]}, "expected force once at most"),
         ({"products": [["temperature"]]}, "expected signals among force, speed, current"),
-        ({"products": [[["speed"]]]}, r"products\[0\]\[0\] is .*; expected a text"),
         ({"speed": {"lags": [0], "again": {"lags": [-1]}}}, r"speed: again: lags\[0\] is -1; expected a whole number"),
         ({"force": {"lags": [1], "again": {"lags": [2]}}}, "force: unknown key 'again'; known are lags"),
-        ({"initial": []}, r"initial is \[\]; expected a list of 1 to 500 lists"),
-        ({"initial": [{"signal": "speed"}]}, r"initial\[0\] is .*; expected a list of 0 to 8 mappings"),
         ({"initial": [["speed"]]}, r"initial\[0\]\[0\] is 'speed'; expected a factor such as {signal: speed"),
         ({"initial": [[{"lag": 1}]]}, r"initial\[0\]\[0\]: key 'signal' is missing"),
         ({"initial": [[{"signal": "heat"}]]}, r"initial\[0\]\[0\]: signal is 'heat'; expected one of force, speed"),
-        ({"initial": [[{"signal": "speed", "lags": [1]}]]}, r"initial\[0\]\[0\]: unknown key 'lags'; known are signal"),
-        ({"initial": [[{"signal": "speed", "power": -1}]]}, "power is -1; expected a number from 0 to 8"),
         ({"initial": [[{"signal": "speed", "power": 0, "form": "magnitude"}]]}, "power 0 is 1; leave the factor out"),
         ({"initial": [[{"signal": "force"}]]}, "lag is 0; expected a whole number from 1"),
         ({"initial": [[{"signal": "force", "lag": 1, "power": 2}]]}, "force has power or form; expected its lag alone"),

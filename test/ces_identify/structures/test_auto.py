@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from planted import NETWORK, planted
 
@@ -54,23 +53,23 @@ def choose(**limits):
 
 def test_the_best_is_taken_alone_if_no_other_is_nearly_as_good(fitted):
     limits = fitted(experts=3.0, hydraulic=1.0, other=None, lasting=0.5, recurrent=4.0)
-    found = choose(time=100.0)
-    assert found.how["structure"] == "hydraulic"
-    assert found.how["structures"] == {"hydraulic": 1.0, "experts": 3.0, "recurrent": 4.0}
-    assert found.how[REASON].startswith("hydraulic is taken: the next costs more than 1.6 times")
-    assert {name for name, one in limits.items() if one.work == 1.0} == {"hydraulic"}  # fitted again, in full
+    fit = choose(time=100.0)
+    assert fit.how["structure"] == "hydraulic"
+    assert fit.how["structures"] == {"hydraulic": 1.0, "experts": 3.0, "recurrent": 4.0}
+    assert fit.how[REASON].startswith("hydraulic is taken: the next costs more than 1.6 times")
+    assert {name for name, limit in limits.items() if limit.work == 1.0} == {"hydraulic"}  # fitted again, in full
     assert limits["recurrent"].hopeless == 3.0
     assert limits["experts"].time == pytest.approx(20.0, abs=1.0)
 
 
 def test_those_that_are_nearly_as_good_are_averaged_by_their_costs(fitted):
     fitted(experts=1.0, hydraulic=1.5, recurrent=1.61)
-    found = choose()
-    weights = [member.weight for member in found.model.body.members]
+    fit = choose()
+    weights = [member.weight for member in fit.model.body.members]
     assert weights == pytest.approx([0.6, 0.4])
-    assert found.how["structure"] == "experts and hydraulic"
-    assert "the mean of experts (0.60) and hydraulic (0.40) is taken" in found.how[REASON]
-    assert found.model.is_stable() and found.model.certificate is not None
+    assert fit.how["structure"] == "experts and hydraulic"
+    assert "the mean of experts (0.60) and hydraulic (0.40) is taken" in fit.how[REASON]
+    assert fit.model.is_stable() and fit.model.certificate is not None
 
 
 def test_an_interrupted_fit_is_the_last_and_without_any_there_is_an_error(fitted):
@@ -87,8 +86,7 @@ def test_a_mean_of_means_is_one_mean_of_all_members():
     assert isinstance(outer.body, Mixture)
     assert [member.weight for member in outer.body.members] == [0.25, 0.25, 0.5]
     series = prepare(planted(NETWORK, 1), NETWORK.sampling)
-    inputs = np.stack([series.position, series.speed, series.current])
-    alone, mean = (run_batch(model, inputs, series.segments)[0] for model in (NETWORK, outer))
+    alone, mean = (run_batch(model, series.inputs, series.segments)[0] for model in (NETWORK, outer))
     assert mean == pytest.approx(alone)
 
 
@@ -109,8 +107,8 @@ def test_advice_names_the_best_structure_only_if_it_is_clearly_better(costs, nam
 
 def test_a_chosen_structure_is_compared_with_a_short_fit_of_those_with_physics(fitted):
     limits = fitted(polynomial=5.0, **{PHYSICAL: 4.0})
-    found = select_fitter("polynomial", {})([], None, IdentifyOptions(limits=Limits(time=1000.0)), None)
-    assert found.how["structures"] == {"polynomial": 5.0, PHYSICAL: 4.0}
+    fit = select_fitter("polynomial", {})([], None, IdentifyOptions(limits=Limits(time=1000.0)), None)
+    assert fit.how["structures"] == {"polynomial": 5.0, PHYSICAL: 4.0}
     assert (limits["polynomial"].time, limits[PHYSICAL].work) == (
         pytest.approx(650.0, abs=1.0),
         ChoiceLimits.SHORT_WORK,
@@ -134,6 +132,6 @@ def test_auto_gives_the_same_answer_with_any_number_of_threads():
         options = IdentifyOptions(limits=Limits(terms=4, starts=2, threads=threads))
         return BestStructure(default_sizes(), ("polynomial", "experts"))(series, sampling, options, lambda result: None)
 
-    one, four = fit(1), fit(4)
-    assert one.model == four.model
-    assert one.how == four.how
+    alone, together = fit(1), fit(4)
+    assert alone.model == together.model
+    assert alone.how == together.how

@@ -56,5 +56,4 @@ def test_a_fit_follows_a_planted_model_and_forgets_in_time():
     assert fitted.model.certify().forgets_s <= 2.0
     refitted = fitted.refit(np.ones(len(series)))
     assert refitted is not None and refitted.is_stable()
-    inputs = np.stack([fresh.position, fresh.speed, fresh.current])
-    assert series_cost(fresh, run_batch(fitted.model, inputs, fresh.segments)[0]) < 8.0
+    assert series_cost(fresh, run_batch(fitted.model, fresh.inputs, fresh.segments)[0]) < 8.0

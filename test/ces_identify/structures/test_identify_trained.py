@@ -56,14 +56,6 @@ def test_the_model_is_certified_and_its_proof_stands(result):
 
 
 @pytest.mark.parametrize("kind", list(KINDS))
-def test_a_constant_current_is_left_out(kind):
-    clean = planted(KINDS[kind][0], 4)
-    identified = identify_kind(kind, 1.0, [with_values(clean, current=np.full(len(clean.channel("current")), 0.5))])
-    body = identified.model.body
-    assert not any(r.signal == "current" for r in body.regressors)
-
-
-@pytest.mark.parametrize("kind", list(KINDS))
 def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
     heard = []
     quick = identify_kind(kind, limits=Limits(time=0.3, starts=1, threads=1), listener=heard.append)

@@ -141,7 +141,7 @@ def test_it_goes_through_a_model_file(tmp_path):
 def test_it_runs_at_the_desk_and_without_a_tick_in_no_estimator():
     recording = planted(model(), 1)
     series, run = prepare(recording, SAMPLING), model().make_predictor()
-    rows = np.stack([series.position, series.speed, series.current], axis=1)
+    rows = series.inputs.T
     expected = [run.tick(*row) for row in rows.tolist()]
     np.testing.assert_allclose(simulate_series(model(), series).force, expected, rtol=1e-12)
     assert np.isfinite(sample_force(model(), recording)).mean() > 0.9

@@ -20,21 +20,21 @@ MODEL = replace(
 
 def noisy(seed, noise, n=15_000, scale=1.0, model=MODEL):
     """A ride whose force has noise of the size [N] that `noise(series, force)` says."""
-    one = series(n, seed, warm_up=50)
-    one = replace(one, speed=scale * one.speed)
-    force = simulate_series(model, one).force
+    recorded = series(n, seed, warm_up=50)
+    recorded = replace(recorded, speed=scale * recorded.speed)
+    force = simulate_series(model, recorded).force
     random = np.random.default_rng(seed + 500)
-    return replace(one, force=force + noise(one, force) * random.normal(size=n))
+    return replace(recorded, force=force + noise(recorded, force) * random.normal(size=n))
 
 
-def by_force_and_reversal(one, force):
-    return 10.0 + 0.1 * np.abs(force) + 60.0 * np.exp(-since_reversal(one) / 0.02)
+def by_force_and_reversal(recorded, force):
+    return 10.0 + 0.1 * np.abs(force) + 60.0 * np.exp(-since_reversal(recorded) / 0.02)
 
 
-def coverage(band, one, ticks=slice(None)):
-    force = simulate_series(MODEL, one).force
-    inside = np.abs(one.force - force) <= band_half_width(band, one, force)
-    return float(inside[one.scored][ticks].mean())
+def coverage(band, recorded, ticks=slice(None)):
+    force = simulate_series(MODEL, recorded).force
+    inside = np.abs(recorded.force - force) <= band_half_width(band, recorded, force)
+    return float(inside[recorded.scored][ticks].mean())
 
 
 def itself(weights):
@@ -59,8 +59,8 @@ def test_a_fresh_recording_is_covered_evenly_over_force_and_reversals(band) -> N
 
 def test_states_that_were_not_recorded_widen_the_band(band):
     def width(scale):
-        one = noisy(10, lambda s, f: 0.0 * f, scale=scale)
-        return float(np.median(band_half_width(band, one, np.full(len(one), 300.0))))
+        recorded = noisy(10, lambda s, f: 0.0 * f, scale=scale)
+        return float(np.median(band_half_width(band, recorded, np.full(len(recorded), 300.0))))
 
     assert width(4.0) > 1.5 * width(1.0)
 
@@ -122,8 +122,8 @@ def test_evaluations_have_the_coverage_of_the_band(band):
 
 
 def test_ticks_after_a_divergence_are_outside_the_band():
-    one = series(1000)
+    recorded = series(1000)
     error = np.zeros(1000)
     error[600:] = np.nan
-    diverged = replace(evaluation(one, error, IDENTIFICATION), half_width=np.where(np.isnan(error), np.nan, 1.0))
+    diverged = replace(evaluation(recorded, error, IDENTIFICATION), half_width=np.where(np.isnan(error), np.nan, 1.0))
     assert diverged.coverage == pytest.approx(0.6)

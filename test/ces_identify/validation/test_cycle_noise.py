@@ -28,38 +28,38 @@ def cycles(frequency=4.0, noise=10.0, drift=0.0, seconds=20.0, seed=1, current=N
 
 @pytest.mark.parametrize("frequency", [4.0, 12.0, 3.1, 1.0])
 def test_the_noise_of_repeated_cycles_is_found(frequency):
-    one, clean = cycles(frequency)
-    found = cycle_noise(one)
-    assert isinstance(found, CycleNoise)
-    assert found.period_s == pytest.approx(1.0 / frequency, rel=1e-3)
-    assert found.noise_N == pytest.approx(10.0, rel=0.04)
-    assert found.floor == pytest.approx(cost(one.force, clean), rel=0.05)
+    recorded, clean = cycles(frequency)
+    estimate = cycle_noise(recorded)
+    assert isinstance(estimate, CycleNoise)
+    assert estimate.period_s == pytest.approx(1.0 / frequency, rel=1e-3)
+    assert estimate.noise_N == pytest.approx(10.0, rel=0.04)
+    assert estimate.floor == pytest.approx(cost(recorded.force, clean), rel=0.05)
 
 
 def test_a_drift_between_cycles_is_no_noise():
     """A fade by a fifth over the record moves the force 300 N; its cycles differ by 4 N each."""
-    found = cycle_noise(cycles(drift=0.2)[0])
-    assert isinstance(found, CycleNoise)
-    assert found.noise_N == pytest.approx(10.0, rel=0.04)
+    estimate = cycle_noise(cycles(drift=0.2)[0])
+    assert isinstance(estimate, CycleNoise)
+    assert estimate.noise_N == pytest.approx(10.0, rel=0.04)
 
 
 def test_cycles_across_a_gap_are_not_compared():
-    one, _ = cycles()
-    shifted = one.force.copy()
+    recorded, _ = cycles()
+    shifted = recorded.force.copy()
     shifted[5000:] += 800.0
-    found = cycle_noise(replace(one, force=shifted, segments=np.array([[0, 5000], [5000, 10_000]])))
-    assert isinstance(found, CycleNoise)
-    assert found.noise_N == pytest.approx(10.0, rel=0.05)
+    estimate = cycle_noise(replace(recorded, force=shifted, segments=np.array([[0, 5000], [5000, 10_000]])))
+    assert isinstance(estimate, CycleNoise)
+    assert estimate.noise_N == pytest.approx(10.0, rel=0.05)
 
 
 def test_cycles_that_differ_are_left_out():
-    one, _ = cycles()
-    position, force = one.position.copy(), one.force.copy()
+    recorded, _ = cycles()
+    position, force = recorded.position.copy(), recorded.force.copy()
     position[6000:6100] *= 0.2
     force[6000:6100] += 500.0
-    found = cycle_noise(replace(one, position=position, force=force))
-    assert isinstance(found, CycleNoise)
-    assert found.noise_N == pytest.approx(10.0, rel=0.05)
+    estimate = cycle_noise(replace(recorded, position=position, force=force))
+    assert isinstance(estimate, CycleNoise)
+    assert estimate.noise_N == pytest.approx(10.0, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -72,8 +72,8 @@ def test_cycles_that_differ_are_left_out():
     ],
 )
 def test_no_floor_without_cycles(make, reason):
-    found = cycle_noise(make())
-    assert isinstance(found, str) and reason in found
+    estimate = cycle_noise(make())
+    assert isinstance(estimate, str) and reason in estimate
 
 
 def test_a_sweep_does_not_repeat():
@@ -91,9 +91,9 @@ def test_the_floor_of_the_rig_is_its_known_noise():
     force = recording.channel("force")
     _, clean = experiment.sensors.force.sample(true.time_s, true.force_N)
     sampling = choose_sampling([recording])
-    one = prepare(recording, sampling)
+    recorded = prepare(recording, sampling)
     bare = replace(recording, channels={**recording.channels, "force": Channel("force", "N", force.stamps_ns, clean)})
-    known = cost(one.force[one.scored], prepare(bare, sampling).force[one.scored])
-    found = cycle_noise(one)
-    assert isinstance(found, CycleNoise)
-    assert found.floor == pytest.approx(known, rel=0.05)
+    known = cost(recorded.force[recorded.scored], prepare(bare, sampling).force[recorded.scored])
+    estimate = cycle_noise(recorded)
+    assert isinstance(estimate, CycleNoise)
+    assert estimate.floor == pytest.approx(known, rel=0.05)

@@ -38,8 +38,8 @@ def is_covered(seed, seconds, error_pole, slow_s=0.0):
     if slow_s:
         size, truth = np.exp(0.5 * coloured(n, np.exp(-1.0 / (slow_s * RATE)), seed + 7 * 10**6)), 10.0 * np.exp(0.25)
     squares = (10.0 * size * coloured(n, error_pole, seed)) ** 2
-    found = interval_of_ticks([ScoredTicks(squares, 100.0 * coloured(n, 0.98, seed + 10**6), RATE)])
-    return None if found is None else found.low <= truth <= found.high
+    interval = interval_of_ticks([ScoredTicks(squares, 100.0 * coloured(n, 0.98, seed + 10**6), RATE)])
+    return None if interval is None else interval.low <= truth <= interval.high
 
 
 @pytest.mark.slow
@@ -49,16 +49,16 @@ def is_covered(seed, seconds, error_pole, slow_s=0.0):
 )
 def test_coverage(seconds, error_pole, slow_s, least):
     """Nominal 95 %; a little less with a few slow bursts, because the distribution of a cost is skewed then."""
-    found = [is_covered(seed, seconds, error_pole, slow_s) for seed in range(100)]
-    given = [one for one in found if one is not None]
+    inside = [is_covered(seed, seconds, error_pole, slow_s) for seed in range(100)]
+    given = [covered for covered in inside if covered is not None]
     assert len(given) >= 60 and np.mean(given) >= least
 
 
 def test_the_interval_holds_the_cost_and_narrows_with_the_record():
     widths = []
     for n in (10_000, 80_000):
-        one = series(n)
-        e = evaluation(one, 50.0 * coloured(n, 0.9, 7))
+        recorded = series(n)
+        e = evaluation(recorded, 50.0 * coloured(n, 0.9, 7))
         interval = cost_interval([e])
         assert interval.low < e.cost < interval.high
         widths.append(interval.high - interval.low)
@@ -66,16 +66,19 @@ def test_the_interval_holds_the_cost_and_narrows_with_the_record():
 
 
 def test_gaps_and_warm_up_are_left_out():
-    one = series(20_000, warm_up=200, segments=[[0, 4000], [4000, 20_000]])
-    e = evaluation(one, np.where(one.scored, 50.0 * coloured(20_000, 0.9, 7), 1e6))
+    recorded = series(20_000, warm_up=200, segments=[[0, 4000], [4000, 20_000]])
+    e = evaluation(recorded, np.where(recorded.scored, 50.0 * coloured(20_000, 0.9, 7), 1e6))
     assert len(scored_ticks(e).force) == 19_600
     assert cost_interval([e]).high < 20.0
 
 
 def test_several_recordings_together():
-    ones = [series(20_000, seed) for seed in (1, 2)]
-    both = [evaluation(one, size * coloured(20_000, 0.9, 7)) for one, size in zip(ones, (30.0, 90.0), strict=True)]
-    centred = [one.force - one.force.mean() for one in ones]
+    recordings = [series(20_000, seed) for seed in (1, 2)]
+    both = [
+        evaluation(recorded, size * coloured(20_000, 0.9, 7))
+        for recorded, size in zip(recordings, (30.0, 90.0), strict=True)
+    ]
+    centred = [recorded.force - recorded.force.mean() for recorded in recordings]
     assert pooled_cost(both) == pytest.approx(
         cost(np.concatenate(centred), np.concatenate([c - e.error for c, e in zip(centred, both, strict=True)])),
         rel=1e-4,
@@ -86,8 +89,8 @@ def test_several_recordings_together():
 
 
 def test_no_interval_where_there_is_too_little_to_tell():
-    one = series(100)
-    assert cost_interval([evaluation(one, coloured(100, 0.9, 1))]) is None
+    recorded = series(100)
+    assert cost_interval([evaluation(recorded, coloured(100, 0.9, 1))]) is None
     bursts = np.zeros(5_000)
     bursts[500:1000] = 100.0  # one burst in 10 s
     assert cost_interval([evaluation(series(5_000), bursts)]) is None
@@ -98,8 +101,8 @@ def test_no_interval_where_there_is_too_little_to_tell():
 
 def test_no_interval_reaches_beyond_the_largest_factor():
     for seed in range(20):
-        one = series(6_000, seed)
-        e = evaluation(one, 50.0 * coloured(6_000, 0.99, seed))
+        recorded = series(6_000, seed)
+        e = evaluation(recorded, 50.0 * coloured(6_000, 0.99, seed))
         interval = cost_interval([e])
         assert interval is None or interval.high <= ErrorLimits.MAX_FACTOR * e.cost
 
@@ -140,12 +143,12 @@ def test_recordings_with_the_same_reason_share_a_line(road: Evaluation) -> None:
 
 def test_seconds_are_those_the_search_deals():
     """Against what the problem weighs: estimation and selection share the scored ticks, and a test has none of them."""
-    one = series(6_000, warm_up=250)
-    problem = assemble_problem([one], [Term(1.0, ())])
-    np.testing.assert_array_equal(problem.selection > 0.0, one.scored & ~estimation_ticks(one))
-    row, test = usage([one.part(0.0, 1.0)], [one.part(0.5, 1.0)])
+    recorded = series(6_000, warm_up=250)
+    problem = assemble_problem([recorded], [Term(1.0, ())])
+    np.testing.assert_array_equal(problem.selection > 0.0, recorded.scored & ~estimation_ticks(recorded))
+    row, test = usage([recorded.part(0.0, 1.0)], [recorded.part(0.5, 1.0)])
     assert row["selection_s"] == round((problem.selection > 0.0).sum() / 500.0, 1)
-    assert row["estimation_s"] == round((one.scored & estimation_ticks(one)).sum() / 500.0, 1)
+    assert row["estimation_s"] == round((recorded.scored & estimation_ticks(recorded)).sum() / 500.0, 1)
     assert row["test_s"] == 0.0
     assert (test["estimation_s"], test["selection_s"], test["test_s"]) == (0.0, 0.0, 5.5)
     assert (test["from_s"], test["to_s"]) == (6.0, 12.0)
