@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.numerics.search import GAUSS_NEWTON, METHODS, Limits
-from ces_identify.polynomial.candidates import CandidateRules
+from ces_identify.polynomial.candidate_rules import CandidateRules
 from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.rules_file import load_rules
 from ces_identify.prepare.cost import FORMS, Weighting, parse_weighting
