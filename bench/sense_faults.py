@@ -32,7 +32,7 @@ from ces_data.recording import Channel, Recording
 ROOT = Path(__file__).resolve().parent.parent
 LOGS = {"brfd_backlash": "*.json", "dyke_mr": "*.csv", "utfsm_mr": "*.csv"}
 SEED = 26
-SPEED = "^speed: .*derivative"  # a logged speed contradicts a spoilt position
+SPEED = "^speed: "  # a logged one contradicts a spoilt position or clock
 SAYINGS = ("right", "wrong", "silent")
 Change = Callable[[Recording], Recording]
 
@@ -140,7 +140,11 @@ def lose(signal: str, share: float) -> Change:
 
 
 ALL = ("position", "current", "force")
-LATE = r"^(force|position): .*(logged|ms (after|before))|clocks"
+LATE = r"^(force|position|speed): .*(logged|ms (after|before))|clocks"
+KINDS = {  # of faults, by what is in their names; the first that is found
+    "spikes": r"^\d+ of", "clock": "^time|ppm", "units": " in ", "signs": "reversed", "wraps or clips": "wraps|clipped",
+    "delays": " late", "lost sensor": "held|zero|NaN", "lost samples": "loses", "interchanged": "swapped",
+}  # fmt: skip
 SCALES = {
     "force in kN": (1e-3, r"\bkN"), "force in lbf": (1 / 4.448, r"\blbf"), "force in kip": (1 / 4448.2, r"\bkip"),
     "force in mN": (1e3, r"\bmN"), "position in mm": (1e3, r"\bmm"), "position in cm": (1e2, r"\bcm"),
@@ -224,13 +228,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if folder is None:
         parser.error("no folder with measured recordings; give it, or set CES_DATA")
     recordings = list(read_measured(folder))
-    rows, total = [("fault", *SAYINGS)], Counter[str]()
+    said: dict[str, Counter[str]] = {kind: Counter() for kind in (*KINDS, "all")}
     for fault in FAULTS:
-        said = Counter(say(fault, recording) for recording in recordings)
-        total += said
-        rows.append((fault.name, *(str(said[saying]) for saying in SAYINGS)))
-        print(fault.name, dict(said), file=sys.stderr, flush=True)
-    print(markdown([*rows, ("**all**", *(str(total[saying]) for saying in SAYINGS))]))
+        count = Counter(say(fault, recording) for recording in recordings)
+        said[next(kind for kind, words in KINDS.items() if re.search(words, fault.name))] += count
+        said["all"] += count
+        print(fault.name, dict(count), file=sys.stderr, flush=True)
+    rows = [(kind, *(str(count[saying]) for saying in SAYINGS)) for kind, count in said.items()]
+    print(markdown([("fault", *SAYINGS), *rows]))
     for name, clean in (("measured", recordings), ("synthetic", list(draw_look_alikes(SEED)))):
         false = [f"{r.name}: {f.text}" for r in clean for f in find_all_faults(r)]
         print(f"\nFindings on {len(clean)} sound {name} recordings: {len(false)}.", *false, sep="\n  ")

@@ -95,9 +95,9 @@ def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
 def _check_stamps(name: str, stamps: Stamps, at: Values) -> Iterator[Finding]:
     steps = np.diff(stamps)
     runs = runs_of_equal(stamps)
-    first, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
-    if end - first > RecordingLimits.MAX_EQUAL_STAMPS:
-        text = f"{name}: {end - first} samples in a row have the same stamp, at {at[first]:.3f} s; expected a stamp for"
+    begin, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+    if end - begin > RecordingLimits.MAX_EQUAL_STAMPS:
+        text = f"{name}: {end - begin} samples in a row have the same stamp, at {at[begin]:.3f} s; expected a stamp for"
         yield Finding(ERROR, f"{text} each sample (is the header's stamp filled in?)", name)
     elif len(steps) and (steps == 0).mean() > RecordingLimits.MAX_EQUAL_SHARE:
         text = f"{name}: {(steps == 0).mean():.0%} of the samples have the same stamp as the one before: times are"
@@ -135,7 +135,7 @@ def _check_position_and_rates(recording: Recording) -> Iterator[Finding]:
 def _check_gaps(recording: Recording, start_ns: int) -> Iterator[Finding]:
     """Report once that all signals pause, and the longest stretch without current: beyond its limit, an error."""
     stamps = [channel.stamps_ns for channel in recording.channels.values() if len(channel)]
-    pauses = reduce(_intersect, [missing_stretches(one, one) for one in stamps] if len(stamps) > 1 else [[]])
+    pauses = reduce(_intersect, [missing_stretches(own, own) for own in stamps] if len(stamps) > 1 else [[]])
     if pauses:
         span = _describe_stretches(pauses, start_ns)
         yield Finding(WARNING, f"all signals pause {span} (was the recorder paused?); nothing is bridged")
@@ -154,9 +154,9 @@ def _check_gaps(recording: Recording, start_ns: int) -> Iterator[Finding]:
         yield Finding(severity, f"{text} position is recorded", "current")
 
 
-def _intersect(first: list[tuple[int, int]], second: list[tuple[int, int]]) -> list[tuple[int, int]]:
+def _intersect(some: list[tuple[int, int]], others: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Return the stretches that are in both lists."""
-    both = ((max(a, c), min(b, d)) for a, b in first for c, d in second)
+    both = ((max(a, c), min(b, d)) for a, b in some for c, d in others)
     return [(begin, end) for begin, end in both if end - begin > RecordingLimits.MISSING_S * SECOND]
 
 
@@ -178,8 +178,8 @@ def missing_stretches(reference_ns: Stamps, stamps_ns: Stamps) -> list[tuple[int
 
     A stretch is longer than 0.5 s and 20 median intervals; at both ends, where topics start and stop, than 1 s.
     """
-    first, last = int(reference_ns.min()), int(reference_ns.max())
-    edges = np.concatenate([[first], np.sort(np.clip(stamps_ns, first, last)), [last]])
+    begin, end = int(reference_ns.min()), int(reference_ns.max())
+    edges = np.concatenate([[begin], np.sort(np.clip(stamps_ns, begin, end)), [end]])
     lengths = np.diff(edges)
     usual = float(np.median(lengths[1:-1])) if len(lengths) > 2 else 0.0
     longest_allowed = np.full(

@@ -54,8 +54,8 @@ class Channel:
     def in_order(self) -> Channel:
         """Return the finite samples in the order of time, the first of each stamp."""
         finite = self.finite()
-        stamps, first = np.unique(finite.stamps_ns, return_index=True)
-        return replace(finite, stamps_ns=stamps, values=finite.values[first])
+        stamps, places = np.unique(finite.stamps_ns, return_index=True)
+        return replace(finite, stamps_ns=stamps, values=finite.values[places])
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from ces_data.config_file import read_yaml_tree, to_python
 from ces_data.limits import TableLimits
 from ces_observer.errors import SignalsError
 from ces_observer.json_text import quote
-from ces_observer.signals import NAMES, Signals, override
+from ces_observer.signals import FIELDS, NAMES, Signals, override
 
 _Sections = list[tuple[str, yaml.MappingNode]]
 PARAMETERS = "ros__parameters"
-KEYS = frozenset({"topic", "type", "field", "scale", "offset", "constant"})
+KEYS = frozenset(FIELDS)
 
 
 def load_signals(path: Path | None = None) -> Signals:

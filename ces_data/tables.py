@@ -121,10 +121,7 @@ def _interpolate(channel: Channel, stamps: Stamps) -> tuple[Values, NDArray[np.b
 def require_writer(path: Path, kind: str) -> None:
     """Raise CesError if the library that writes this kind of file is missing."""
     if kind == "parquet":
-        try:
-            import_reader("pyarrow", "pyarrow", "parquet", path)
-        except CesError as error:
-            raise CesError(str(error).replace("reading", "writing")) from None
+        import_reader("pyarrow", path, "writing")
 
 
 def write_table(table: DataTable, path: Path, kind: str) -> None:
@@ -153,7 +150,7 @@ def _write_csv(table: DataTable, path: Path) -> None:
 
 def _write_parquet(table: DataTable, path: Path) -> None:
     """Write row groups with the unit of each column in its metadata, and the recording in the file's."""
-    arrow, parquet = (import_reader(name, "pyarrow", "parquet", path) for name in ("pyarrow", "pyarrow.parquet"))
+    arrow, parquet = (import_reader(name, path, "writing") for name in ("pyarrow", "pyarrow.parquet"))
     fields = [
         arrow.field("stamp_ns", arrow.int64(), metadata={"unit": "ns"}),
         arrow.field("time_s", arrow.float64(), metadata={"unit": "s"}),

@@ -13,7 +13,7 @@ from scipy.signal import butter, firwin, sosfiltfilt, welch
 from ces_data.arrays import F, I, Mask
 from ces_gap.errors import GapError
 from ces_gap.limits import RecordingLimits
-from ces_identify.limits import ComparisonLimits
+from ces_identify.limits import TickLimits
 
 GRID_HZ = 500.0  # [Hz] highest rate of the grid: the effects of a damper lie far below half of it
 SMOOTHING_HZ = (15.0, 200.0)  # [Hz] range of the position's low-pass; a lower limit takes real motion from fast strokes
@@ -81,7 +81,7 @@ def bridge_gaps(seconds: F, values: F, grid: F) -> tuple[F, Mask]:
     if len(at) < 2:
         return np.zeros_like(grid), np.zeros(len(grid), bool)
     after = np.clip(np.searchsorted(at, grid), 1, len(at) - 1)
-    is_known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= ComparisonLimits.MAX_GAP_S)
+    is_known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= TickLimits.MIN_GAP_S)
     return np.interp(grid, at, known_values), is_known
 
 

@@ -90,7 +90,6 @@ class ResidualLimits:
 class LackLimits:
     """On which quantities the error depends; less is left to the figures (docs/reports.md)."""
 
-    MISFIT = 30.0  # [%] J on its own data from which a model does not fit, as in docs/reports.md
     MIN_SHARE = 0.2  # of the error's energy (docs/reports.md)
     MIN_GAIN = 1.5  # [%] by which J would be lower (docs/reports.md)
     MAX_DEPENDENCES = 2  # sentences that a reader takes in
@@ -168,8 +167,8 @@ class ResultLimits:
 class ComparisonLimits:
     """What counts when models are compared."""
 
+    MAX_MODELS = 40  # 780 pairs, and tables that still can be read
     WARM_UP_S = 0.5  # [s] not scored after the start and after each gap, for models that ask for less
-    MAX_GAP_S = 0.05  # [s] over which the measured force is interpolated, as in `ces_observer.model.Sampling`
     MAX_RATIO = 1000.0  # of a simulated to the largest measured force: a simulation without an envelope diverged
     MIN_SECONDS = 2.0 * ErrorLimits.SLOWEST_S  # [s] of all recordings together, to tell that there is no difference
 
@@ -177,7 +176,8 @@ class ComparisonLimits:
 class VerdictLimits:
     """What a report says in words: whether a model fits, and what to record next."""
 
-    FITS = ((5.0, "Closely"), (10.0, "Well"), (30.0, "Roughly"), (float("inf"), "No"))  # J below [%], docs/reports.md
+    MISFIT_J = 30.0  # [%] J from which a model does not fit, docs/reports.md
+    FITS = ((5.0, "Closely"), (10.0, "Well"), (MISFIT_J, "Roughly"), (float("inf"), "No"))  # J below [%], the same
     ROAD_SPEED_M_S = 0.18  # [m/s] RMS piston speed of `ces rig road`: ISO 8608 class C, 60 km/h, a quarter vehicle
     MIN_CURRENT_SPAN_A = 0.05  # [A] less is one current
     MAX_OUTSIDE = 0.01  # share of the scored time
@@ -186,48 +186,50 @@ class VerdictLimits:
 
 
 class MotionLimits:
-    """Position and speed of a dyno's recording, without delay (docs/characterise.md)."""
+    """Position and speed of a dyno's recording, without delay; docs/characterise.md promises them."""
 
-    MIN_BANDWIDTH_HZ, MAX_BANDWIDTH_HZ = 30.0, 200.0  # [Hz] of the speed
-    MAX_BANDWIDTH_SHARE = 0.25  # of the sampling rate
-    NOISE_SHARE = 0.01  # of the RMS speed: the noise of the speed that is borne
+    MIN_BANDWIDTH_HZ, MAX_BANDWIDTH_HZ = 30.0, 200.0  # [Hz] of the speed: above any stroke (ISO 8608: 30 Hz)
+    MAX_BANDWIDTH_SHARE = 0.25  # of the sampling rate: half of what Nyquist allows, for the filter's slope
+    NOISE_SHARE = 0.01  # of the RMS speed: less than cycles differ (work on UTFSM's sines: up to 3 %)
     MAX_CURRENT_AGE_S = 5.0  # [s] a commanded current may be logged only when it changes
-    MIN_STRETCH_S = 0.25  # [s] without a gap
+    MIN_STRETCH_S = 0.25  # [s] without a gap: the settling of a filter of 30 Hz at both ends
 
 
 class DynoLimits:
-    """Which cycles count as those of a damper dyno, and which belong together (docs/characterise.md)."""
+    """Which cycles count as those of a damper dyno, and which belong together; docs/characterise.md promises them.
 
+    With them, the 15 sines of UTFSM (three strokes at five currents) are 15 conditions.
+    """
+
+    MIN_REPEATS = 3  # cycles alike in a row; cycles, steps or visits for a spread, which has two degrees of freedom
     MIN_SAMPLES = 20  # of a cycle
     MIN_BANDWIDTH_RATIO = 5.0  # bandwidth over the frequency of the cycle: the speed of a sine is 0.2 % low
+    MIN_PEAK = 10.0  # times the noise of the speed: the peak speed of a cycle, which noise then changes by 1 %
     MIN_PROMINENCE = 0.01  # of the stroke's span: smaller turns are no reversals
-    NOISE_PROMINENCE = 8.0  # times the noise of the speed, over one period of the bandwidth
+    BEYOND_NOISE = 8.0  # times its RMS, which noise never reaches: a reversal, or another level of the current
     MAX_SHAPE_DIFFERENCE = 0.06  # RMS between neighbours, of half the stroke
     MAX_PERIOD_DIFFERENCE = 0.15  # between neighbours, of the period
-    MIN_REPEATS = 3  # cycles in a row that resemble each other
-    MIN_CYCLES = 3  # for a spread, a loop, work and branches
     SETTLE_S = 0.1  # [s] before a cycle in which the current must be constant, too
     PEAK_SHARE = 0.97  # the peak is where the speed is at least this share of the largest
-    CURRENT_SHARE = 0.03  # of the largest current: less is the same current,
-    CURRENT_NOISE = 8.0  # or this times the noise of the measured current
-    SAME_SIZE = 0.03  # relative difference of amplitude and of frequency within a condition
+    SAME = 0.03  # relative difference of amplitudes, frequencies and currents (of the largest) that are the same
     SAME_CENTRE = 0.2  # difference of the centre of the stroke within a condition, of the amplitude
 
 
 class StepLimits:
-    """Which steps of the current show the response of the valve (docs/characterise.md)."""
+    """Which steps of the current show the response of the valve; docs/characterise.md promises them.
 
-    PLATEAU_S = 0.05  # [s] of constant current before and after a step
+    Its windows are several times the response of a semi-active valve, some 10 ms.
+    """
+
+    PLATEAU_S = 0.05  # [s] of constant current before and after a step, and of constant speed after it
     MAX_STEP_S = 0.04  # [s] that the change of the logged current may take
     MIN_STEP = 3.0  # in tolerances of the current
     BEFORE_S = 0.03  # [s] of steady force before the step
-    MIN_AFTER_S, MAX_AFTER_S = 0.05, 0.25  # [s] at a constant speed after it
+    MAX_AFTER_S = 0.25  # [s] at a constant speed after it
     SPEED_SHARE = 0.10  # by which the speed may leave its mean before the step
     MIN_FORCE_CHANGE = 15.0  # times the noise of the force
     UNSETTLED = 0.05  # of the change of force: drift before the step, and at the end
     MAX_T63_SHARE = 0.3  # of the window: a slower response would not have settled
-    SPARSE_S = 0.05  # [s] a current logged less often is one that is logged when it changes
-    MIN_STEPS = 3  # for an interval
 
 
 class BinLimits:
@@ -235,5 +237,4 @@ class BinLimits:
 
     MAX_LEVELS = 12
     MIN_STEADY = 0.5  # share of samples at a steady current, for levels
-    MIN_SAMPLES = 30
-    MIN_VISITS = 3  # separate passes through a bin: samples of one pass are not independent
+    MIN_SAMPLES = 30  # of a bin: three beyond each of its 10 and 90 % quantiles

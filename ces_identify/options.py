@@ -26,7 +26,7 @@ from ces_identify.structures.kit import Fitter, IdentifyOptions, Size
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer.errors import CesError, OptionName
 from ces_observer.fields import FieldError
-from ces_observer.model import MAX_DELAY_S
+from ces_observer.limits import FileLimits
 from ces_observer.options import Option, in_group
 
 STRUCTURE = "structure"
@@ -116,7 +116,7 @@ DELAY = Option(
     0.0,
     "how long after a sample its force is estimated, whole ticks up to 0.02 s: the speed is known better then",
     0.0,
-    MAX_DELAY_S,
+    FileLimits.MAX_DELAY_S,
     "s",
     metavar="S",
 )

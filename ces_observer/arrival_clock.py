@@ -7,8 +7,9 @@ difference of the clocks with the delay of transport. A message's stamp is its t
 
 from __future__ import annotations
 
+from ces_observer.limits import ClockLimits
+
 WINDOW_NS = 20_000_000_000  # the least delay is that of one to two windows, so that it follows clocks that drift
-MAX_DELAY_NS = 10_000_000_000  # beyond the least delay: the publisher's clock was set back
 
 
 class ArrivalClock:
@@ -27,7 +28,7 @@ class ArrivalClock:
         if sent_ns <= 0:
             return now_ns
         delay_ns = now_ns - sent_ns
-        if self._empty or delay_ns - self._least_ns > MAX_DELAY_NS:
+        if self._empty or delay_ns - self._least_ns > ClockLimits.MAX_DELAY_NS:
             self._empty = False
             self._least_ns = self._next_ns = delay_ns
             self._began_ns = now_ns
@@ -37,9 +38,6 @@ class ArrivalClock:
         if not 0 <= now_ns - self._began_ns < WINDOW_NS:
             self._least_ns, self._next_ns, self._began_ns = self._next_ns, delay_ns, now_ns
         return sent_ns + self._least_ns
-
-
-MIN_JUMP_NS = 100_000_000  # far above what a slewed clock gains between two readings
 
 
 class ClockWatch:
@@ -52,4 +50,4 @@ class ClockWatch:
         """Return how far [ns] the wall clock was set since the last reading, positive if forward; 0 if it was not."""
         ahead_ns = wall_ns - steady_ns
         jump_ns, self._ahead_ns = ahead_ns - self._ahead_ns, ahead_ns
-        return jump_ns if abs(jump_ns) >= MIN_JUMP_NS else 0
+        return jump_ns if abs(jump_ns) >= ClockLimits.MIN_STEP_NS else 0

@@ -15,7 +15,8 @@ from itertools import chain, islice
 from math import exp
 
 from ces_observer.fields import Field
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import NumberLimits
 from ces_observer.records import bounded, declare
 from ces_observer.shapes import ByName
 from ces_observer.tick import band as tick
@@ -24,8 +25,6 @@ from ces_observer.tick.model import HAS_BAND
 STATE = ("position", "speed", "current", "change of speed", "change of current")
 PARTS = ("low_current_N", "high_current_N", "slow_N", "fast_N", "force", "change_of_force", "reversal_N")
 ROWS = range(len(STATE), 0, -1)  # lengths of the rows of an upper triangle, from the diagonal on
-LARGEST = 1e12  # of any number: far from where squares overflow
-MAX_DISTANCE = 1e6
 
 
 def _as_rows(numbers: Iterable[float]) -> tuple[tuple[float, ...], ...]:
@@ -47,24 +46,32 @@ class Band:
     level: float = bounded(0.01, 0.9999)
     change_s: float = bounded(1e-5, 1e3)
     reversal_s: float = bounded(1e-5, 1e3)
-    speed_m_s: float = bounded(1e-9, LARGEST)
-    current_A: tuple[float, float] = bounded(-LARGEST, LARGEST)
+    speed_m_s: float = bounded(1e-9, NumberLimits.MAX_SQUARED)
+    current_A: tuple[float, float] = bounded(-NumberLimits.MAX_SQUARED, NumberLimits.MAX_SQUARED)
     parts: tuple[float, ...] = declare(
         Field(
-            kind=ByName(Field(kind=float, low=0.0, high=LARGEST), PARTS, PARTS),
+            kind=ByName(Field(kind=float, low=0.0, high=NumberLimits.MAX_SQUARED), PARTS, PARTS),
             make=lambda parts: tuple(parts.values()),
             text=lambda parts: dict(zip(PARTS, parts, strict=True)),
         )
     )
-    mean: tuple[float, ...] = bounded(-LARGEST, LARGEST, min_count=len(STATE), max_count=len(STATE))
+    mean: tuple[float, ...] = bounded(
+        -NumberLimits.MAX_SQUARED, NumberLimits.MAX_SQUARED, min_count=len(STATE), max_count=len(STATE)
+    )
     whitening: tuple[tuple[float, ...], ...] = bounded(
-        -LARGEST, LARGEST, kind=float, many=True, min_count=sum(ROWS), max_count=sum(ROWS), make=_as_rows,
+        -NumberLimits.MAX_SQUARED,
+        NumberLimits.MAX_SQUARED,
+        kind=float,
+        many=True,
+        min_count=sum(ROWS),
+        max_count=sum(ROWS),
+        make=_as_rows,
         text=lambda rows: list(chain.from_iterable(rows)),
-    )  # fmt: skip
-    max_distance: float = bounded(0.0, MAX_DISTANCE)
+    )
+    max_distance: float = bounded(0.0, NumberLimits.MAX_INPUT)
     constant_share: float = bounded(0.0, 1.0)
 
-    def fill(self, layout: Layout, rate_Hz: float) -> None:
+    def fill(self, layout: ArrayLayout, rate_Hz: float) -> None:
         """Write its numbers into the layout of a model, for `ces_observer.tick.band`."""
         low, high = self.current_A
         layout.n[HAS_BAND] = 1

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_observer import tick
-from ces_observer.tick.selftest import rounding_sample
+from ces_observer.tick.run import rounding_sample
 
 SEEDS = range(1, 9)  # of the self-test
 

@@ -16,8 +16,9 @@ from collections import deque
 from collections.abc import Iterator
 from math import isfinite, nan
 
+from ces_observer.limits import ClockLimits
+
 HISTORY = 8192  # currents kept: more than a subscription's queue holds, so that a burst loses none
-JUMP_NS = 1_000_000_000  # a current stamped this much before the newest one shows that its clock was set back
 
 
 class CurrentHold:
@@ -49,7 +50,7 @@ class CurrentHold:
         if not isfinite(current_A):
             return
         stamps = self._stamps
-        if stamps and stamp_ns < stamps[-1] - JUMP_NS:
+        if stamps and stamp_ns < stamps[-1] - ClockLimits.JUMP_NS:
             self.reset()
         if stamps and stamp_ns < stamps[-1]:
             place = bisect_right(stamps, stamp_ns)

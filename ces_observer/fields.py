@@ -1,7 +1,7 @@
 """A value declared once: its unit, range, default and meaning, from which all else is made.
 
 A `Field` reads and writes a value, explains an error and gives a JSON Schema. `ces_observer.records` makes records of
-fields; their lists, choices and values by name are each a `Shape`.
+fields; their lists, choices and values by name are each a `ValueShape`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def explaining(where: str, error: type[CesError]) -> Iterator[None]:
         raise error(_join(where, reason.place) + reason.words) from None
 
 
-class Shape(ABC):
+class ValueShape(ABC):
     """How a value is made of others, such as a record: a kind of field. `expected` and `several` are its words.
 
     Keys that a record lacks are those of `base`, if it is given, else their defaults; of a `complete` file, which a
@@ -86,13 +86,13 @@ class Shape(ABC):
 
 
 @dataclass(frozen=True)
-class Field(Shape):
+class Field(ValueShape):
     """A value: a number in `unit` within [low, high], or (low, high] with `above`; one of the words `choices`; a text.
 
     A number may be one of the words `also` instead. `kind` is bool, int, float, str, Path, Mapping, object (anything),
-    several of these, or a Shape, such as another field; by default that of `default`. `many` is a list of such values,
-    `min_count` to `max_count` of them, `ordered` one that does not fall, `different` one without repetition; with
-    `or_one`, a value alone stands for a list of it. A text must pass `check_text`, which raises ValueError; `form`
+    several of these, or a ValueShape, such as another field; by default that of `default`. `many` is a list of such
+    values, `min_count` to `max_count` of them, `ordered` one that does not fall, `different` one without repetition;
+    with `or_one`, a value alone stands for a list of it. A text must pass `check_text`, which raises ValueError; `form`
     describes the value, `remedy` says what to do about a mistake.
 
     In files, `key` is its name if it has another one there, and `null` stands for None. `make` turns what is read into
@@ -132,13 +132,13 @@ class Field(Shape):
     rules: Schema = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        first = self.default
-        if isinstance(first, list | tuple):
+        sample = self.default
+        if isinstance(sample, list | tuple):
             object.__setattr__(self, "many", True)
-            first = first[0] if first else ""
+            sample = sample[0] if sample else ""
         if self.kind is None:
-            kind = Path if isinstance(first, Path) else type(first)
-            object.__setattr__(self, "kind", str if first is None or first is REQUIRED else kind)
+            kind = Path if isinstance(sample, Path) else type(sample)
+            object.__setattr__(self, "kind", str if sample is None or sample is REQUIRED else kind)
 
     @property
     def expected(self) -> str:  # type: ignore[override]  # of other shapes, it is always the same
@@ -154,7 +154,7 @@ class Field(Shape):
             return f"{alone}a list of {counts}{self._names[1]}"
         if self.choices:
             return "one of " + ", ".join(self.choices)
-        what = self._names[0] if isinstance(self.kind, Shape) else self.phrase(self._names[0])
+        what = self._names[0] if isinstance(self.kind, ValueShape) else self.phrase(self._names[0])
         return " or ".join((*self.also, what))
 
     @property
@@ -165,10 +165,10 @@ class Field(Shape):
     @property
     def _names(self) -> tuple[str, str]:
         """What one value is, and what several are."""
-        if isinstance(self.kind, Shape):
+        if isinstance(self.kind, ValueShape):
             return self.kind.expected, self.kind.several
         names = [NAMES[kind] for kind in (self.kind if isinstance(self.kind, tuple) else (self.kind,))]
-        return " or ".join(one for one, _, _ in names), " or ".join(many for _, many, _ in names)
+        return " or ".join(single for single, _, _ in names), " or ".join(many for _, many, _ in names)
 
     def phrase(self, what: str) -> str:
         """Return `what`, such as "a number", with the range and the unit."""
@@ -199,8 +199,8 @@ class Field(Shape):
     def check(self, value: Any, where: str = "", error: type[CesError] = CesError) -> Any:
         """Return the value, a whole number as a float where that is the kind; raises `error` beginning with `where`."""
         with explaining(where or self.name, error):
-            found = self.read(value)
-        return list(found) if self.many and self.make is None else found
+            checked = self.read(value)
+        return list(checked) if self.many and self.make is None else checked
 
     def parse(self, text: str) -> Any:
         """Return the value that a text on a command line stands for; raises CesError."""
@@ -212,19 +212,19 @@ class Field(Shape):
             raise CesError(f"found '{text}'; expected {self.expected}") from None
 
     def read(self, value: Any, base: Any = None, complete: bool = False) -> Any:
-        """Return the value of a record for one in a file; raises FieldError. For `base` and `complete`, see `Shape`."""
+        """Return the value of a record for one in a file; raises FieldError. See `ValueShape` for the rest."""
         if self.null is not REQUIRED and value == self.null:
             return None
         if self.many:
-            found = self._read_list(value, complete)
-        elif isinstance(self.kind, Shape):
+            content = self._read_list(value, complete)
+        elif isinstance(self.kind, ValueShape):
             if not self.kind.accepts(value):
                 raise self.refusal(value)
-            found = self.kind.read(value, base, complete)
+            content = self.kind.read(value, base, complete)
         else:
-            found = self._read_plain(value)
+            content = self._read_plain(value)
         try:
-            return found if self.make is None else self.make(found)
+            return content if self.make is None else self.make(content)
         except (ValueError, CesError) as reason:
             raise FieldError(f": {reason}") from None
 
@@ -234,16 +234,20 @@ class Field(Shape):
             return (self.one.read(value),)
         if not good or not self.min_count <= len(value) <= self.max_count:
             raise self.refusal(value)
-        one = self.one
-        if one.kind is float and all(type(v) is float and one.low <= v <= one.high for v in value) and not one.above:
-            found = tuple(value)  # at once, for long lists of numbers
+        item_field = self.one
+        if (
+            item_field.kind is float
+            and all(type(v) is float and item_field.low <= v <= item_field.high for v in value)
+            and not item_field.above
+        ):
+            items = tuple(value)  # at once, for long lists of numbers
         else:
-            found = tuple(read_part(f"[{i}]", one, item, None, complete) for i, item in enumerate(value))
-        if self.ordered and found[0] > found[-1]:
+            items = tuple(read_part(f"[{i}]", item_field, item, None, complete) for i, item in enumerate(value))
+        if self.ordered and items[0] > items[-1]:
             raise self.refusal(value)
-        if self.different and (twice := next((v for i, v in enumerate(found) if v in found[:i]), None)) is not None:
+        if self.different and (twice := next((v for i, v in enumerate(items) if v in items[:i]), None)) is not None:
             raise FieldError(f": {quote(twice)} is given twice; keep one")
-        return found
+        return items
 
     def _read_plain(self, value: Any) -> Any:
         if isinstance(value, str) and value in self.also:
@@ -289,7 +293,7 @@ class Field(Shape):
         if value is None:
             return None if self.null is REQUIRED else self.null
         value = value if self.text is None else self.text(value)
-        if not isinstance(self.kind, Shape):
+        if not isinstance(self.kind, ValueShape):
             return list(value) if self.many else value
         return [self.kind.write(item) for item in value] if self.many else self.kind.write(value)
 
@@ -297,7 +301,7 @@ class Field(Shape):
     def schema(self) -> Schema:
         """The JSON Schema (draft 7) of the value, with its default and meaning."""
         schema = self.bare_schema
-        if self.default not in (REQUIRED, None, (), []) and not isinstance(self.kind, Shape):
+        if self.default not in (REQUIRED, None, (), []) and not isinstance(self.kind, ValueShape):
             schema["default"] = list(self.default) if self.many else self.default
         return schema | ({"description": self.described} if self.meaning else {})
 
@@ -319,7 +323,7 @@ class Field(Shape):
             items |= {"maxItems": self.max_count} if math.isfinite(self.max_count) else {}
             items |= {"uniqueItems": True} if self.different else {}
             return {"anyOf": [self.one.bare_schema, items]} if self.or_one else items
-        if isinstance(self.kind, Shape):
+        if isinstance(self.kind, ValueShape):
             return self.kind.schema
         if self.choices:
             return {"enum": list(self.choices)}
@@ -333,23 +337,23 @@ class Field(Shape):
         return schema | ({"maximum": self.high} if math.isfinite(self.high) else {})
 
 
-def read_part(key: str, one: Field, value: Any, base: Any = None, complete: bool = False) -> Any:
+def read_part(key: str, declared: Field, value: Any, base: Any = None, complete: bool = False) -> Any:
     """Return what `one` reads of the value under `key` of a whole; raises FieldError with its place there."""
     try:
-        return one.read(value, base, complete)
+        return declared.read(value, base, complete)
     except FieldError as error:
         raise error.inside(key) from None
 
 
-def missing(key: str, one: Field) -> FieldError:
+def missing(key: str, declared: Field) -> FieldError:
     """Return what is wrong with a mapping that lacks a key."""
-    return FieldError(f": key '{key}' is missing; expected {one.expected}{one.advice}")
+    return FieldError(f": key '{key}' is missing; expected {declared.expected}{declared.advice}")
 
 
 def require_known_keys(
-    values: Mapping[str, Any], known: Collection[str], where: str, error: type[CesError] = CesError
+    values: Mapping[str, Any], keys: Collection[str], where: str, error: type[CesError] = CesError
 ) -> None:
     """Raise `error` at the first key of a mapping that is not `known`."""
     for key in values:
-        if key not in known:
-            raise error(f"{where}: unknown key {quote(key)}; known are {', '.join(known)}")
+        if key not in keys:
+            raise error(f"{where}: unknown key {quote(key)}; known are {', '.join(keys)}")

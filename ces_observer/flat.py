@@ -1,7 +1,7 @@
 """A model laid out as flat arrays of numbers, for the functions of `ces_observer.tick`.
 
-A structure fills a `Layout`: its named numbers at the places that its tick declares, then tables of any length. The
-names of places are declared once, in `tick/`; nobody writes a number for a place.
+A structure fills an `ArrayLayout`: its named numbers at the places that its tick declares, then tables of any length.
+The names of places are declared once, in `tick/`; nobody writes a number for a place.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Arrays(NamedTuple):
     k: Sequence[int]
 
 
-class Layout:
+class ArrayLayout:
     """Collects the numbers of a model: p, n, and the sizes of s and k.
 
     `numbers`, `counts`, `states` and `flags` are the sizes of the named parts, at whose places p and n are assigned.

@@ -18,24 +18,20 @@ from ces_observer.band import Band
 from ces_observer.bank_design import ACCELERATION, SPEED, BankSettings
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED, Field
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.json_text import parse_json, read_bounded, write_atomically
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.certificate import Certificate
 from ces_observer.records import OneOf, Record, bounded, choice, part, quantity, read_document, write_record
 from ces_observer.structures import STRUCTURES
-from ces_observer.structures.structure import MAX_FORCE_N, OperatingRange, Predictor, Range, Ranges, Structure
+from ces_observer.structures.structure import OperatingRange, Predictor, Range, Ranges, Structure
 from ces_observer.tick.model import WARM_UP
 
 SCHEMA = "ces-model/1"
 GONE = ("relaxation", "chambers")  # structures of earlier versions
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
-MAX_BYTES = 1_000_000
 MOTIONS = (SPEED, ACCELERATION)  # signals that may be measured beside the position
-MAX_DELAY_S = 0.02
-MAX_INPUT = 1e6  # [m, m/s, A]: beyond any damper, and far from where powers overflow
 FREQUENCIES_HZ = (3.0, 6.0, 12.0, 24.0, 48.0)  # of the bank's modes: strokes of vehicles and rigs
-MAX_MODES, MAX_FREQUENCY_HZ = 12, 5e3
-MAX_GAP_TICKS = 20_000  # that one position sample may have to compute, after the longest bridged gap
 
 
 @dataclass(frozen=True)
@@ -45,16 +41,23 @@ class Sampling:
     rate_Hz: float = quantity(REQUIRED, "Hz", "ticks a second", 1.0, 100e3)
     noise_m: float = quantity(REQUIRED, "m", "RMS noise of the positions", 1e-12, 1.0)
     speed_m_s: float = quantity(REQUIRED, "m/s", "RMS speed of the identification recordings", 1e-9, 1e3)
-    stroke_m: Range = quantity(REQUIRED, "m", "positions outside are not believed", -MAX_INPUT, MAX_INPUT)
+    stroke_m: Range = quantity(
+        REQUIRED, "m", "positions outside are not believed", -NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT
+    )
     outlier_m: float = quantity(REQUIRED, "m", "a position further from its prediction is dropped", 1e-9, 1e3)
     frequencies_Hz: tuple[float, ...] = bounded(
-        0.0, MAX_FREQUENCY_HZ, "of the modes of the bank", FREQUENCIES_HZ, unit="Hz", max_count=MAX_MODES
+        0.0,
+        FileLimits.MAX_MODE_HZ,
+        "of the modes of the bank",
+        FREQUENCIES_HZ,
+        unit="Hz",
+        max_count=FileLimits.MAX_MODES,
     )
     max_gap_s: float = quantity(0.05, "s", "a longer silence restarts the estimator", 1e-4, 10.0)
     max_current_age_s: float = quantity(0.2, "s", "an older current is not used", 1e-4, 1e6)
     warm_up_s: float = quantity(0.5, "s", "after each restart: forces are withheld, and not scored", 0.0, 60.0)
     delay_s: float = quantity(
-        0.0, "s", "after a sample, at which its speed is taken and its force comes out", 0.0, MAX_DELAY_S
+        0.0, "s", "after a sample, at which its speed is taken and its force comes out", 0.0, FileLimits.MAX_DELAY_S
     )
     motion: str = choice("", "the signal measured beside the position, if any", MOTIONS, optional=True)
     motion_noise: float = bounded(
@@ -65,8 +68,8 @@ class Sampling:
         """Return it; raises ModelError unless its numbers fit together."""
         if not all(0.0 < f < 0.5 * self.rate_Hz for f in self.frequencies_Hz):
             raise ModelError(f"frequencies_Hz are {self.frequencies_Hz}; expected 0 to half the rate")
-        if (ticks := self.rate_Hz * self.max_gap_s) > MAX_GAP_TICKS:
-            raise ModelError(f"max_gap_s spans {ticks:.0f} ticks; expected at most {MAX_GAP_TICKS}")
+        if (ticks := self.rate_Hz * self.max_gap_s) > FileLimits.MAX_GAP_TICKS:
+            raise ModelError(f"max_gap_s spans {ticks:.0f} ticks; expected at most {FileLimits.MAX_GAP_TICKS}")
         if abs(self.delay_ticks - self.delay_s * self.rate_Hz) > 1e-6:
             raise ModelError(f"delay_s is {self.delay_s:g}; expected whole ticks of {1.0 / self.rate_Hz:g} s")
         return self
@@ -94,9 +97,9 @@ class Sampling:
 class Envelope:
     """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate."""
 
-    position_m: Range = bounded(-MAX_INPUT, MAX_INPUT)
-    speed_m_s: Range = bounded(-MAX_INPUT, MAX_INPUT)
-    current_A: Range = bounded(-MAX_INPUT, MAX_INPUT)
+    position_m: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
+    speed_m_s: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
+    current_A: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
 
     @property
     def by_signal(self) -> Ranges:
@@ -116,7 +119,7 @@ class Model:
     sampling: Sampling
     body: Structure = part(kind=OneOf(STRUCTURES, "structure"), inline=True)
     envelope: Envelope = part(key="input_envelope")
-    force_envelope_N: Range = bounded(-MAX_FORCE_N, MAX_FORCE_N)
+    force_envelope_N: Range = bounded(-NumberLimits.MAX_NUMBER, NumberLimits.MAX_NUMBER)
     certificate: Mapping[str, Any] | None = None
     settles_s: float = bounded(0.0, 60.0, default=0.0, optional=True)
     band: Band | None = part(default=None, optional=True)
@@ -151,7 +154,7 @@ class Model:
         """Return a new free run."""
         return self.body.make_predictor(self.operating_range)
 
-    def lay_out(self) -> Layout:
+    def lay_out(self) -> ArrayLayout:
         """Return the layout of a run of it: structure, warm-up and band; raises ModelError."""
         layout = self.body.lay_out(self.operating_range)
         layout.n[WARM_UP] = round(self.warm_up_s * self.sampling.rate_Hz)
@@ -190,7 +193,7 @@ def load_model(path: str | Path) -> Model:
         raise ModelError(f"expected the path of a model file; got a value of type {type(path).__name__}")
     path = Path(path)
     try:
-        text = read_bounded(path, MAX_BYTES)
+        text = read_bounded(path, FileLimits.MAX_BYTES)
     except FileNotFoundError:
         raise ModelError(f"{path}: no such model file; `ces identify BAG --out {path.name}` writes one") from None
     except OSError as error:
@@ -200,8 +203,8 @@ def load_model(path: str | Path) -> Model:
 
 def parse_model(text: str, source: str) -> Model:
     """Check the text of a model file; `source` names it in errors. Raises ModelError."""
-    if len(text) > MAX_BYTES:
-        raise ModelError(f"{source}: {len(text)} characters; a model file has at most {MAX_BYTES} bytes")
+    if len(text) > FileLimits.MAX_BYTES:
+        raise ModelError(f"{source}: {len(text)} characters; a model file has at most {FileLimits.MAX_BYTES} bytes")
     values = parse_json(text, source)
     if isinstance(values, dict):
         _refuse_other_versions(values, source)

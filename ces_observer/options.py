@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,11 @@ class Option(Field):
     group: str = ""
     together: bool = False
     live: bool = False
+
+    @classmethod
+    def from_field(cls, declared: Field, **changes: Any) -> Option:
+        """Return a field that is declared elsewhere as an option, with `changes`."""
+        return cls(**{one.name: getattr(declared, one.name) for one in fields(Field)} | changes)
 
     @property
     def flag(self) -> str:

@@ -20,7 +20,7 @@ from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from ces_observer.errors import CesError
-from ces_observer.fields import REQUIRED, Field, FieldError, Schema, Shape, explaining, missing, read_part
+from ces_observer.fields import REQUIRED, Field, FieldError, Schema, ValueShape, explaining, missing, read_part
 from ces_observer.json_text import quote
 from ces_observer.shapes import ByName, Either
 
@@ -125,15 +125,15 @@ def record_of(**keys: Field | tuple[Field, Of]) -> Field:
 @cache
 def record_fields(cls: Any) -> Mapping[str, Field]:
     """Return the fields of a dataclass by name, with the kinds of its annotations; a list of numbers is not empty."""
-    hints, known = get_type_hints(cls), {}
+    hints, made_fields = get_type_hints(cls), {}
     for f in fields(cls):
         made = f.metadata.get(FIELD, Field())
         if made is None:
             continue
         default = f.default if f.default_factory is MISSING else f.default_factory()
         named = replace(made, name=f.name, key=made.key or f.name, default=REQUIRED if default is MISSING else default)
-        known[f.name] = named if made.make else replace(named, **_shape(hints[f.name], made))
-    return known
+        made_fields[f.name] = named if made.make else replace(named, **_shape(hints[f.name], made))
+    return made_fields
 
 
 def _shape(hint: Any, made: Field) -> dict[str, Any]:
@@ -157,11 +157,11 @@ def _shape(hint: Any, made: Field) -> dict[str, Any]:
 
 
 def _kind(hint: Any, made: Field) -> Any:
-    if isinstance(made.kind, Shape) or isinstance(hint, Shape):
-        return made.kind if isinstance(made.kind, Shape) else hint
+    if isinstance(made.kind, ValueShape) or isinstance(hint, ValueShape):
+        return made.kind if isinstance(made.kind, ValueShape) else hint
     if isinstance(hint, tuple):
-        records: list[Any] = [one for one in hint if is_dataclass(one)]
-        kinds = tuple(one for one in hint if one not in records)
+        records: list[Any] = [kind for kind in hint if is_dataclass(kind)]
+        kinds = tuple(kind for kind in hint if kind not in records)
         plain = replace(made, name="", default=REQUIRED, kind=kinds[0] if len(kinds) == 1 else kinds)
         return Either(plain, Record(records[0])) if records else hint
     if is_dataclass(hint):
@@ -170,7 +170,7 @@ def _kind(hint: Any, made: Field) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class Record(Shape):
+class Record(ValueShape):
     """The fields of a dataclass by their keys, or without one, the fields `own`, read as a dictionary.
 
     They are under one key if the dataclass has a `section`. A `partial` record needs no key, nor do the records in it:
@@ -190,7 +190,9 @@ class Record(Shape):
     @property
     def expected(self) -> str:  # type: ignore[override]  # of other shapes, it is always the same
         """A phrase for what is read."""
-        choices = (one.kind.expected for one in self.fields.values() if one.inline and isinstance(one.kind, OneOf))
+        choices = (
+            option.kind.expected for option in self.fields.values() if option.inline and isinstance(option.kind, OneOf)
+        )
         return next(choices, super().expected)
 
     @property
@@ -203,8 +205,12 @@ class Record(Shape):
         return (self.section,) if self.section else self._keys(values)
 
     def _keys(self, values: Mapping[str, Any]) -> tuple[str, ...]:
-        own = (one for one in self.fields.values() if one.when is None or one.when(values))
-        return tuple(chain.from_iterable(one.kind.keys(values) if one.inline else (one.key,) for one in own))
+        own = (own_field for own_field in self.fields.values() if own_field.when is None or own_field.when(values))
+        return tuple(
+            chain.from_iterable(
+                own_field.kind.keys(values) if own_field.inline else (own_field.key,) for own_field in own
+            )
+        )
 
     def read(self, value: Any, base: Any = None, complete: bool = False) -> Any:
         """Return the record; raises FieldError at the first value that is wrong."""
@@ -221,16 +227,16 @@ class Record(Shape):
         if not self.accepts(value):
             raise FieldError(f" is {quote(value)}; expected {self.expected}")
         base = self.cls() if self.partial and base is None else base
-        known = self._keys(value)
+        keys = self._keys(value)
         for key in value:
-            if key not in known and not self.loose:
-                raise FieldError(f": unknown key {quote(key)}; known are {', '.join(known)}")
-        own = {name: one for name, one in self.fields.items() if one.inline or one.key in known}
-        found = {name: _read_field(one, value, base, complete) for name, one in own.items()}
+            if key not in keys and not self.loose:
+                raise FieldError(f": unknown key {quote(key)}; known are {', '.join(keys)}")
+        own = {name: one for name, one in self.fields.items() if one.inline or one.key in keys}
+        values = {name: _read_field(one, value, base, complete) for name, one in own.items()}
         if self.own is not None:
-            return found
+            return values
         try:
-            made = self.cls(**{f.name: found[f.name] for f in fields(self.cls) if f.init and f.name in found})
+            made = self.cls(**{f.name: values[f.name] for f in fields(self.cls) if f.init and f.name in values})
             return made.checked() if hasattr(made, "checked") else made
         except CesError as reason:
             raise FieldError(f": {reason}") from None
@@ -266,17 +272,17 @@ class Record(Shape):
         return above if self.section else schema
 
 
-def _read_field(one: Field, values: Mapping[str, Any], base: Any, complete: bool) -> Any:
+def _read_field(declared: Field, values: Mapping[str, Any], base: Any, complete: bool) -> Any:
     """Return the value of a field in the mapping of its record; raises FieldError."""
-    if one.inline:
-        return one.read({key: values[key] for key in one.kind.keys(values) if key in values}, None, complete)
-    if one.key in values:
-        return read_part(one.key, one, values[one.key], base and getattr(base, one.name), complete)
+    if declared.inline:
+        return declared.read({key: values[key] for key in declared.kind.keys(values) if key in values}, None, complete)
+    if declared.key in values:
+        return read_part(declared.key, declared, values[declared.key], base and getattr(base, declared.name), complete)
     if base is not None:
-        return getattr(base, one.name)
-    if one.default is REQUIRED or (complete and not one.optional):
-        raise missing(one.key, one)
-    return one.default
+        return getattr(base, declared.name)
+    if declared.default is REQUIRED or (complete and not declared.optional):
+        raise missing(declared.key, declared)
+    return declared.default
 
 
 def _join_schemas(own: Schema, inline: Schema) -> Schema:
@@ -291,7 +297,7 @@ def _join_schemas(own: Schema, inline: Schema) -> Schema:
 
 
 @dataclass(frozen=True, eq=False)
-class OneOf(Shape):
+class OneOf(ValueShape):
     """One of several records: of the name under the key `tag`, or without a tag, the only one whose name is a key."""
 
     named: Mapping[str, Any] | Callable[[], Mapping[str, Any]]
@@ -301,7 +307,7 @@ class OneOf(Shape):
     def kinds(self) -> Mapping[str, Record]:
         """The records by their names; those of dataclasses need not be named as such."""
         named = self.named() if callable(self.named) else self.named
-        return {name: one if isinstance(one, Record) else Record(one) for name, one in named.items()}
+        return {name: kind if isinstance(kind, Record) else Record(kind) for name, kind in named.items()}
 
     @property
     def expected(self) -> str:  # type: ignore[override]  # of other shapes, it is the same for all
@@ -355,9 +361,9 @@ class OneOf(Shape):
 def walk_record(record: Any, prefix: str = "") -> Iterator[tuple[str, Any, Field]]:
     """Yield the path, value and field of every value in a record, such as `seal.coulomb_N`."""
     cls: Any = type(record)
-    for name, one in record_fields(cls).items():
+    for name, declared in record_fields(cls).items():
         value = getattr(record, name)
         if is_dataclass(value):
             yield from walk_record(value, f"{prefix}{name}.")
         else:
-            yield f"{prefix}{name}", value, one
+            yield f"{prefix}{name}", value, declared

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ces_observer.fields import Field, FieldError, Schema, Shape, missing, read_part
+from ces_observer.fields import Field, FieldError, Schema, ValueShape, missing, read_part
 from ces_observer.json_text import quote
 
 
 @dataclass(frozen=True, eq=False)
-class ByName(Shape):
+class ByName(ValueShape):
     """Values by name, each as `item` says: only those in `names`, if there are any, and all that are `needed`."""
 
     item: Field
@@ -52,11 +52,11 @@ class ByName(Shape):
 
 
 @dataclass(frozen=True, eq=False)
-class Either(Shape):
+class Either(ValueShape):
     """A `plain` value, or the mapping `shape`."""
 
     plain: Field
-    shape: Shape
+    shape: ValueShape
 
     @property
     def expected(self) -> str:  # type: ignore[override]  # of other shapes, it is always the same

@@ -14,6 +14,8 @@ from typing import Any
 from ces_observer.errors import SignalsError
 from ces_observer.fields import REQUIRED, Field, require_known_keys
 from ces_observer.json_text import quote
+from ces_observer.limits import NumberLimits
+from ces_observer.records import bounded, part, read_record, record_fields
 
 NAMES = ("position", "current", "force", "sim_force", "temperature", "speed", "acceleration")
 MOTIONS = ("speed", "acceleration")  # what may be measured beside the position, so that the speed is better known
@@ -34,7 +36,6 @@ DEFAULTS: dict[str, dict[str, Any]] = {
 
 LONGEST = 255  # characters of a topic, type or field path
 MAX_DELAY_S = 1.0  # either way
-LARGEST = 1e30  # scale, offset or constant: beyond any unit, and far from overflow
 _STEP = re.compile(r"([A-Za-z]\w*)(?:\[ *([^\[\] ][^\[\]]*)\])?\Z", re.ASCII)
 _INDEX = re.compile(r"[0-9]{1,9}", re.ASCII)
 _TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*\Z", re.ASCII)
@@ -53,30 +54,15 @@ def _require_type(text: str) -> None:
         raise ValueError(f"'{text}' is not of the form package/msg/Type")
 
 
-FIELDS: Mapping[str, Field] = {  # of a signal
-    one.name: one
-    for one in (
-        Field(
-            "topic", meaning="topic; a relative name is resolved in the node's namespace", check_text=_require_printable
-        ),
-        Field(
-            "type", meaning="message type, such as sensor_msgs/msg/JointState", check_text=_require_type,
-            rules={"pattern": r"^[A-Za-z]\w*/msg/[A-Za-z]\w*$"},
-        ),
-        Field(
-            "field", meaning="path to the number in the message, as data, wrench.force.z or position[rear_damper]",
-            check_text=_require_printable,
-        ),
-        Field("scale", 1.0, _SCALED, -LARGEST, LARGEST, rules={"not": {"const": 0}}),
-        Field("offset", 0.0, _SCALED, -LARGEST, LARGEST),
-        Field(
-            "delay", 0.0, "[s] by how much later than measured the numbers are stamped; stamps are moved back by it",
-            -MAX_DELAY_S, MAX_DELAY_S,
-        ),
-        Field("constant", REQUIRED, "known value in SI units instead of a topic", -LARGEST, LARGEST, kind=float),
-    )
-}  # fmt: skip
-NUMBERS = {name: one.default for name, one in FIELDS.items() if one.default is not REQUIRED}
+def _source(meaning: str, check_text: Callable[[str], object] = _require_printable, **settings: Any) -> Any:
+    """Declare where a signal is found."""
+    return part(meaning=meaning, check_text=check_text, remedy="set topic, type and field", **settings)
+
+
+def _number(default: Any, meaning: str, **settings: Any) -> Any:
+    """Declare a number of a signal: one beyond any unit is a mistake."""
+    largest = NumberLimits.MAX_COEFFICIENT
+    return bounded(-largest, largest, meaning, default, **settings)
 
 
 @dataclass(frozen=True)
@@ -90,11 +76,11 @@ class FieldPath:
     def parse(cls, text: str) -> FieldPath:
         """Parse dotted field names, each with an optional [index or joint name]; raises SignalsError."""
         steps: list[tuple[str, int | str | None]] = []
-        for part in str(text).split("."):
-            match = _STEP.match(part.strip())
+        for step in str(text).split("."):
+            match = _STEP.match(step.strip())
             if match is None:
                 raise SignalsError(
-                    f"field path {quote(text)}: {quote(part)} is not a field name with an optional [index] or "
+                    f"field path {quote(text)}: {quote(step)} is not a field name with an optional [index] or "
                     "[joint name]"
                 )
             name, element = match.group(1), match.group(2)
@@ -137,12 +123,29 @@ class Signal:
     """
 
     name: str
-    topic: str
-    type: str
-    field: FieldPath
-    scale: float = 1.0
-    offset: float = 0.0
-    delay: float = 0.0
+    topic: str = _source("topic; a relative name is resolved in the node's namespace")
+    type: str = _source(
+        "message type, such as sensor_msgs/msg/JointState",
+        _require_type,
+        rules={"pattern": r"^[A-Za-z]\w*/msg/[A-Za-z]\w*$"},
+    )
+    field: FieldPath = _source(
+        "path to the number in the message, as data, wrench.force.z or position[rear_damper]", make=FieldPath.parse
+    )
+    scale: float = _number(1.0, _SCALED, rules={"not": {"const": 0}})
+    offset: float = _number(0.0, _SCALED)
+    delay: float = bounded(
+        -MAX_DELAY_S,
+        MAX_DELAY_S,
+        "[s] by how much later than measured the numbers are stamped; stamps are moved back by it",
+        0.0,
+    )
+
+    def checked(self) -> Signal:
+        """Return the signal; raises SignalsError if all its values are 0."""
+        if self.scale == 0.0:
+            raise SignalsError("scale is 0; expected the factor from the logged unit to SI")
+        return self
 
     @property
     def delay_ns(self) -> int:
@@ -169,7 +172,15 @@ class Constant:
     """A signal with a known constant value, such as the current of a passive damper (0 A)."""
 
     name: str
-    value: float
+    value: float = _number(REQUIRED, "known value in SI units instead of a topic", key="constant")
+
+
+FIELDS: Mapping[str, Field] = {  # of a signal in a file, by their keys there
+    one.key: replace(one, name=one.key)
+    for one in (*record_fields(Signal).values(), *record_fields(Constant).values())
+    if one.name != "name"
+}
+NUMBERS = {name: one.default for name, one in FIELDS.items() if one.default is not REQUIRED}
 
 
 @dataclass(frozen=True)
@@ -229,12 +240,8 @@ def _signal(name: str, description: object, source: str) -> Signal | Constant:
         )
     require_known_keys(description, FIELDS, where, SignalsError)
     if "constant" in description:
-        return Constant(name, FIELDS["constant"].check(description["constant"], f"{where}: constant", SignalsError))
-    settings = {**DEFAULTS.get(name, {}), **NUMBERS, **description}
-    for key in _SOURCE:
-        if not settings.get(key):
-            raise SignalsError(f"{where}: '{key}' is missing; set topic, type and field")
-    values = {key: FIELDS[key].check(value, f"{where}: {key}", SignalsError) for key, value in settings.items()}
-    if values["scale"] == 0.0:
-        raise SignalsError(f"{where}: scale is 0; expected the factor from the logged unit to SI")
-    return Signal(name, **{**values, "field": FieldPath.parse(values["field"])})
+        values = {"name": name, "constant": description["constant"]}
+        return read_record(Constant, values, where, SignalsError)
+    values = {**DEFAULTS.get(name, {}), **description}
+    given = {key: value for key, value in values.items() if value or key not in _SOURCE}
+    return read_record(Signal, {**given, "name": name}, where, SignalsError)

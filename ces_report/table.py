@@ -22,7 +22,9 @@ from ces_report.typesetting import Chart, Symbols, format_spread
 
 R = TypeVar("R")
 MAX_OPEN_ROWS = 20  # of a table that a page does not fold
-BAR = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
+BAR = Markup(
+    '<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span>{}</span>'
+)
 
 
 @dataclass(frozen=True)

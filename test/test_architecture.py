@@ -25,12 +25,12 @@ MAY_IMPORT = {  # ces_gap and ces_rig never know each other
 }
 ROOMS = {  # folders and modules of each package from the bottom up: each imports only what stands before it
     "ces_observer": (
-        "arrival_clock errors json_text fields shapes records options current_hold lazy_names proof reasons tick core "
-        "flat kalman bank_design signals band structures cdr model sampling_layout estimator damper_observer health "
-        "control nodes"
+        "limits arrival_clock errors json_text fields shapes records options current_hold lazy_names proof "
+        "reasons tick core flat bank_design signals band structures cdr model estimator "
+        "damper_observer health control nodes"
     ),
     "ces_data": (
-        "limits arrays waveforms compilation recording integration config_file log_formats units bags findings samples "
+        "limits arrays waveforms compilation recording config_file log_formats units findings samples bags "
         "signals_file logs checks mapping reading tables"
     ),
     "ces_report": ("typesetting table drawing shell figure plot"),
@@ -65,15 +65,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 140.3,
-    "ces_data": 93.9,
+    "ces_observer": 141.7,
+    "ces_data": 93.8,
     "ces_report": 12.7,
-    "ces_identify": 168.8,
+    "ces_identify": 169.3,
     "ces_rig": 71.9,
     "ces_gap": 128.5,
-    "ces_cli": 69.9,
-    "bench": 72.1,
-    "test": 469,
+    "ces_cli": 70,
+    "bench": 71.8,
+    "test": 466.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -22,7 +22,8 @@ from shared_results import SharedResults
 from ces_cli.main import main
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import DamperObserver
-from ces_observer.health.health import Health, NodeFacts, Status
+from ces_observer.health.diagnostics import NodeFacts, Status
+from ces_observer.health.health import Health
 from ces_observer.health.running_cost import RunningCost
 from ces_observer.model import load_model
 

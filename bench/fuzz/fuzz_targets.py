@@ -17,8 +17,8 @@ from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
+from ces_observer.limits import ProofLimits
 from ces_observer.model import Model, load_model, parse_model
-from ces_observer.proof import intervals
 from ces_observer.reasons import OK
 
 REFUSED, READ, WITHHELD, FORCE = "refused", "read", "withheld", "force"
@@ -44,7 +44,7 @@ def try_model(path: Path) -> str:
         return _check_refusal(error)
     assert parse_model(model.to_json(), "again") == model
     assert len(model.digest()) == 64
-    with patch.object(intervals, "MAX_WORK", LITTLE_WORK):
+    with patch.object(ProofLimits, "MAX_WORK", LITTLE_WORK):
         model.is_stable()
     try_estimator(Estimator(model), _corners(model))
     return READ

@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from bench.reference.effects import effects_page
+from bench.reference.effects import effects_page, structures_page
 from bench.reference.files import files_page
 from bench.reference.nodes import nodes_page
 from bench.reference.programs import programs_page
-from bench.reference.structures import structures_page
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "reference"
 PAGES: Mapping[str, Callable[[], str]] = {

@@ -1,13 +1,15 @@
-"""The page of effects, from their classes: each form's documentation begins with its equation."""
+"""The pages of effects, from their classes (each form's documentation begins with its equation), and of structures."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import groupby
 
-from bench.reference.tables import codes, first_paragraph, paragraphs, span, table
+from bench.reference.tables import code, codes, first_paragraph, paragraphs, span, table
 from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.effects.library import library
+from ces_identify.structures import KITS
+from ces_observer.records import Record
 
 ACTS_ON = ("sensors' readings", "motion", "current", "force of the oil", "force", "measured force")  # from SENSOR on
 UNITS = (  # ends of parameters' names, the longest first
@@ -32,15 +34,7 @@ def effects_page() -> str:
         for e in (forms[0] for forms in groups)
     ]
     overview = table(("effect", "what", "on", "visible", "mistaken for"), rows)
-    return "\n".join(
-        [
-            "# Effects",
-            HEAD,
-            overview,
-            *map(_section, groups),
-            "",
-        ]
-    )
+    return "\n".join(["# Effects", HEAD, overview, *map(_section, groups), ""])
 
 
 def _acts_on(effect: Effect) -> str:
@@ -73,3 +67,26 @@ def _section(forms: Sequence[Effect]) -> str:
 def _bounds(parameter: EffectParameter) -> str:
     unit = next((f" {unit}" for end, unit in UNITS if parameter.name.endswith(end)), "")
     return f"{span(parameter.low, parameter.high)}{unit}"
+
+
+STRUCTURES_HEAD = """
+What `ces identify --structure NAME` fits; `auto` compares several. [Model structures](../structures.md) says
+when to choose which, [why a model is stable](../proof.md) what is proved of each.
+"""
+
+
+def structures_page() -> str:
+    """Return the page."""
+    rows = [
+        (
+            code(name),
+            kit.about,
+            codes(size.flag for size in kit.sizes),
+            codes(Record(kit.body).keys({})),
+            "go on straight, up to a stated reach" if kit.body.extrapolates else "clamped",
+        )
+        for name, kit in KITS.items()
+    ]
+    sizes, keys = "[sizes](programs.md#identify)", "keys in `model.json`"
+    heading = ("structure", "what it is", sizes, keys, "inputs outside the envelope")
+    return "\n".join(["# Structures", STRUCTURES_HEAD, table(heading, rows)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,6 +10,7 @@ from xml.etree import ElementTree
 from bench.reference.tables import as_text, codes, span, table
 from ces_cli.identify.request import EXIT_WHEN_DONE
 from ces_observer.control.control_loop import KEYS as CONTROLLER_KEYS
+from ces_observer.health.diagnostics import Figure, Figures
 from ces_observer.health.health import KEYS as OBSERVER_KEYS
 from ces_observer.nodes import parameter_table
 from ces_observer.options import Option
@@ -18,7 +18,7 @@ from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
 from ces_rig.live.rig import OF_THE_RIG
 
 ROOT = Path(__file__).resolve().parents[2]
-POLICY, PACKAGE = ROOT / "config" / "security" / "policy.xml", ROOT / "ces_observer"
+POLICY = ROOT / "config" / "security" / "policy.xml"
 UNIT = re.compile(r" \[(?!-)([^\],]+)\]")
 HEAD = """
 Parameters are in the files of `config/`, with advice. † marks those that may change while the node runs. Names of
@@ -34,8 +34,6 @@ SIGNALS = (
     "`position`, `current`, `force`, `temperature`, `speed`, `acceleration`, each with `topic`, `type`, `field`, "
     "`scale`, `offset` and `delay` ([meaning](files.md#signals))."
 )
-KEYS_IN_CODE = re.compile(r'yield f?"([^"]+)", ')
-SPEAKERS = ("health", "running_cost", "streams")
 OF_THE_PROCESS = (
     "model",
     "model sha256",
@@ -47,31 +45,6 @@ OF_THE_PROCESS = (
     "state",
     "unexpected errors",
 )
-DIAGNOSTICS = (  # keys of the observer as the code writes them, with {} for what varies
-    (("reason",), "ok, or why the force is withheld"),
-    (("rate [Hz]",), "position samples per second"),
-    (("age of the last position on arrival [s]",), "clock of the node minus its stamp"),
-    (("withheld in the last second [%]",), "of the samples"),
-    (("share outside the envelope", "inputs outside the envelope"), "of the last second; what becomes of them"),
-    (("position samples", "forces estimated", "withheld: {}"), "since the start; withheld by reason"),
-    (("delayed forces estimated",), "since the start, by a model with a delay"),
-    (("forces held at the force envelope",), "since the start, if any"),
-    (("messages without the field",), "received messages in which the signal's field is missing"),
-    (("episodes of withholding", "last episode"), "number; the last one: its start, length, reasons and samples"),
-    (("position has not changed, times", "position has not changed, last for [s]"), "at rest, or its sensor is stuck"),
-    (("latency from stamp to {}, {} [ms]",), "p50, p99 and max of the last second"),
-    (("{} load [% of a core]",), "of the process and of the callbacks"),
-    (("{}: rate [Hz]", "{}: age, mean [ms]", "{}: age, max [ms]", "{}: jitter [ms]"),
-     "of each input in the last second"),
-    (("dropped", "{}: dropped", "{}: dropped, in this node's queue", "{}: dropped, lost on the way",
-      "{}: dropped, not sent"), "samples missing between stamps (first: positions), and what became of them"),
-    (("{}: out of order", "{}: duplicates", "{}: interruptions"), "since the start"),
-    (("running cost J [%]", "threshold of J [%]", "measured force, standard deviation [N]"),
-     "against the measured force, if there is one"),
-    (("measured forces not finite", "measured forces without estimates around"), "left out of J"),
-    (("jumps of time",), "number, and the last one"),
-    (("snapshot",), "what became of the last request for a recording"),
-)  # fmt: skip
 
 
 def nodes_page() -> str:
@@ -91,13 +64,11 @@ def nodes_page() -> str:
             text.append(f"`{wanted.DAMPERS}`: {wanted.DAMPERS_MEANING}. Signals: {SIGNALS}\n")
         if name == "identify":
             text.append("`bags` and all [options of `ces identify`](programs.md#identify), with `_` for `-`.\n")
-    require_keys_of_the_code()
     tasks = [(f"`DAMPER {name}`", _keys(keys)) for name, keys in OBSERVER_KEYS.items()]
     tasks += [(f"`controller {name}`", _keys(keys)) for name, keys in CONTROLLER_KEYS.items()]
     text += ["## Keys of `/diagnostics`\n", table(("task", "keys"), tasks)]
-    keys = ((codes(group), about) for group, about in DIAGNOSTICS)
     more = f"Also {codes(OF_THE_PROCESS)}.\n"
-    return "\n".join([*text, "## Keys of `~/details`\n", table(("keys of the observer", "meaning"), keys), more])
+    return "\n".join([*text, "## Keys of `~/details`\n", table(("keys of the observer", "meaning"), _figures()), more])
 
 
 def _keys(keys: Iterable[str]) -> str:
@@ -105,12 +76,12 @@ def _keys(keys: Iterable[str]) -> str:
     return codes(dict.fromkeys(re.sub(r"(?<=, )(p50|p99|max) ", "p50 (p99, max) ", key) for key in keys))
 
 
-def require_keys_of_the_code() -> None:
-    """Raise SystemExit if the observer's diagnostics have other keys than the table."""
-    sources = "".join((PACKAGE / "health" / f"{name}.py").read_text(encoding="utf-8") for name in SPEAKERS)
-    found = {re.sub(r"\{[^}]*\}", "{}", key) for key in KEYS_IN_CODE.findall(sources)}
-    if differing := found ^ {key for group, _ in DIAGNOSTICS for key in group}:
-        sys.exit(f"diagnostics: {', '.join(sorted(differing))}: in the code or in DIAGNOSTICS, not in both")
+def _figures() -> Iterator[tuple[str, str]]:
+    """Yield keys and meaning of the observer's figures; those without a meaning stand beside the one before."""
+    figures = [figure for figure in vars(Figures).values() if isinstance(figure, Figure)]
+    first = [i for i, figure in enumerate(figures) if figure.meaning]
+    for begin, end in zip(first, [*first[1:], len(figures)], strict=True):
+        yield codes(figure.key for figure in figures[begin:end]), figures[begin].meaning
 
 
 def _topics(name: str) -> str:

@@ -28,13 +28,13 @@ from ces_data.bags.writer import open_bag_writer, recording_topics
 from ces_data.checks.check import check_recording
 from ces_data.checks.derivatives import compare_derivative
 from ces_data.findings import SECOND, DelayFinding, Finding, findings, sort_findings
-from ces_data.integration import INTEGRATED, align_speed, velocity_beside
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_file import MAX_ROWS, open_log, refuse_bag
 from ces_data.logs.log_import import read_blocks
 from ces_data.logs.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
 from ces_data.mapping.proposals import MappingProposal, propose_mapping, split_damper
 from ces_data.recording import Recording
+from ces_data.samples import INTEGRATED, align_speed, velocity_beside
 from ces_data.signals_file import load_signals
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.records import declare

@@ -18,8 +18,17 @@ from rosbags.interfaces.typing import FieldDesc
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from ces_observer.cdr.layout import Walk, find_layout
-from ces_observer.cdr.types import ArrayPart, CdrUnsupportedError, MessagePart, NumberPart, OpaquePart, Part, TextPart
+from ces_observer.cdr.layout import (
+    ArrayPart,
+    CdrUnsupportedError,
+    MessagePart,
+    NumberPart,
+    OpaquePart,
+    Part,
+    TextPart,
+    Walk,
+    find_layout,
+)
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import FieldPath
 

@@ -21,7 +21,7 @@ from rosbags.typesys.store import Typestore
 from ces_data.bags.decode import DAMAGED, HEADER, Block, MessageDecoder, TopicSamples
 from ces_data.bags.storage import Bag, Topic, open_bag
 from ces_data.recording import Stamps, Values
-from ces_observer.cdr.types import JOINT_NAMES
+from ces_observer.cdr.layout import JOINT_NAMES
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import FieldPath
 

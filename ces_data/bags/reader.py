@@ -17,9 +17,9 @@ import numpy as np
 from ces_data.bags.decode import MessageDecoder, TopicSamples
 from ces_data.bags.fields import format_fields
 from ces_data.bags.storage import ALONE, MEASURED, Bag, Topic, open_bag
-from ces_data.integration import INTEGRATED, velocity_beside
 from ces_data.limits import OrderLimits
 from ces_data.recording import Channel, Recording, Stamps
+from ces_data.samples import INTEGRATED, velocity_beside
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Constant, Signal, Signals
 

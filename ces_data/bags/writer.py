@@ -30,7 +30,7 @@ from ces_data.bags.decode import HEADER, STAMP, Bytes, Index, NumberField, descr
 from ces_data.bags.storage import METADATA, WRITTEN_BY
 from ces_data.recording import Recording, Stamps, Values
 from ces_observer import __version__
-from ces_observer.cdr.types import JOINT_NAMES
+from ces_observer.cdr.layout import JOINT_NAMES
 from ces_observer.errors import CesError, OptionName, RecordingError, SignalsError
 from ces_observer.signals import FieldPath, Signal, Signals
 
@@ -77,12 +77,12 @@ def recording_topics(recording: Recording, signals: Signals) -> tuple[TopicData,
             shared.setdefault((signal.topic, signal.type), []).append(signal)
     topics = []
     for (name, kind), mine in shared.items():
-        first, columns = recording.channel(mine[0].name), {}
-        stamps_ns = first.stamps_ns + mine[0].delay_ns
+        leading, columns = recording.channel(mine[0].name), {}
+        stamps_ns = leading.stamps_ns + mine[0].delay_ns
         for signal in mine:
             channel = recording.channel(signal.name)
             if not np.array_equal(channel.stamps_ns + signal.delay_ns, stamps_ns):
-                text = f"{first.name} and {channel.name} share topic {name} but not their stamps"
+                text = f"{leading.name} and {channel.name} share topic {name} but not their stamps"
                 raise RecordingError(f"{recording.name}: {text}")
             columns[signal.field.text] = (channel.values - signal.offset) / signal.scale
         topics.append(TopicData(name, kind, stamps_ns, columns))
@@ -281,7 +281,7 @@ def blank_message(typename: str, paths: Sequence[tuple[str, Steps]], typestore: 
     holder = next((name for name, _ in fields if name in JOINT_NAMES), None)
     joints: list[str] = []
     inner: dict[str, list[tuple[int, tuple[str, Steps]]]] = {name: [] for name, _ in fields}
-    for text, ((name, element), *rest) in ((text, steps) for text, steps in paths if steps):
+    for text, ((name, element), *deeper) in ((text, steps) for text, steps in paths if steps):
         if isinstance(element, str):
             if holder is None:
                 raise SignalsError(
@@ -289,7 +289,7 @@ def blank_message(typename: str, paths: Sequence[tuple[str, Steps]], typestore: 
                 )
             joints += [] if element in joints else [element]
             element = joints.index(element)  # noqa: PLW2901 - the index that the name stands for
-        inner.setdefault(name, []).append((element or 0, (text, tuple(rest))))
+        inner.setdefault(name, []).append((element or 0, (text, tuple(deeper))))
     values = {name: _blank_value(description, inner[name], typestore) for name, description in fields}
     if holder is not None and joints:
         values[holder] = joints

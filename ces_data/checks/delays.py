@@ -24,7 +24,7 @@ from ces_data.checks.motion import (
     SLOW_VALVE,
     SPRING,
     VALVE_LAGS_S,
-    Motion,
+    RecordedMotion,
     alternative_features,
     fit_errors,
     force_features,
@@ -94,7 +94,7 @@ class DelayEstimate:
         return min((self.low_s, self.high_s), key=abs) if self.certain else 0.0
 
 
-def force_delay(motion: Motion, far: bool = True) -> DelayEstimate | None:
+def force_delay(motion: RecordedMotion, far: bool = True) -> DelayEstimate | None:
     """Return how late the force is after the position, None if unknown; `far`: beyond MAX_S if none fits."""
     if len(motion) < DelayLimits.MIN_TICKS or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
         return None
@@ -115,7 +115,7 @@ def force_delay(motion: Motion, far: bool = True) -> DelayEstimate | None:
     return wide if near is None or DelayLimits.FACTOR * wide.least_error < near.least_error else near
 
 
-def _force_delay_within(motion: Motion, reach_s: float) -> DelayEstimate | None:
+def _force_delay_within(motion: RecordedMotion, reach_s: float) -> DelayEstimate | None:
     """Return the delay if one of up to `reach_s` fits, and the parts of the motion are long enough for such shifts."""
     features, reach = force_features(motion), round(reach_s * RATE_HZ)
     rows = _rows(motion, reach, ROWS)
@@ -131,7 +131,7 @@ def _force_delay_within(motion: Motion, reach_s: float) -> DelayEstimate | None:
     return _with_alternatives(motion, estimate)
 
 
-def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | None:
+def current_delay(motion: RecordedMotion, force_late_s: float = 0.0) -> DelayEstimate | None:
     """Return how late the current is after the force, which is `force_late_s` after the position; None if unknown."""
     if len(motion) < DelayLimits.MIN_TICKS or is_constant(motion.current) or motion.speed.std() == 0.0:
         return None
@@ -156,7 +156,7 @@ def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | 
     return _with_alternatives(motion, estimate)
 
 
-def _with_alternatives(motion: Motion, estimate: Callable[..., DelayEstimate | None]) -> DelayEstimate | None:
+def _with_alternatives(motion: RecordedMotion, estimate: Callable[..., DelayEstimate | None]) -> DelayEstimate | None:
     """Return the estimate with what else fits: the wider interval, no delay if that fits better, or `alternatives`."""
     alone = estimate()
     if alone is None or not (alone.certain or alone.likely):
@@ -173,7 +173,7 @@ def _with_alternatives(motion: Motion, estimate: Callable[..., DelayEstimate | N
     return replace(alone, alternatives=tuple(names or features))
 
 
-def _rows(motion: Motion, margin: int, most: int) -> I:
+def _rows(motion: RecordedMotion, margin: int, most: int) -> I:
     """Return at most `most` ticks, evenly spread, that stay inside when shifted by `margin`."""
     inside = motion.inner_ticks(margin + round(0.05 * RATE_HZ), margin)
     return inside if len(inside) <= most else inside[np.linspace(0, len(inside) - 1, most).astype(np.int64)]
@@ -213,7 +213,7 @@ def _vertex(shifts_s: F, errors: F, best: int) -> float:
 BLOCK_TICKS = 500
 
 
-def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
+def dissipation(motion: RecordedMotion, late_s: float = 0.0) -> tuple[float, float]:
     """Return the dissipated over the exchanged power (-1 to 1), and the share of blocks that return energy.
 
     A damper dissipates on balance, whatever its spring, friction or lag. `late_s` is the delay of the force.
@@ -229,7 +229,7 @@ def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
     return (float(power.sum()) / total, float(size[returned].sum()) / total) if total > 0.0 else (0.0, 0.0)
 
 
-def is_reversed(motion: Motion, delay: DelayEstimate | None) -> bool:
+def is_reversed(motion: RecordedMotion, delay: DelayEstimate | None) -> bool:
     """Return whether the recorded force drives the piston on balance: its sign or that of the position is wrong.
 
     A force that is late by half a stroke does so, too: of an unknown delay, nothing follows.
@@ -241,7 +241,7 @@ def is_reversed(motion: Motion, delay: DelayEstimate | None) -> bool:
     return balance < -SignLimits.MIN_WORK and returned > SignLimits.MIN_BLOCKS
 
 
-def sign_findings(motion: Motion, delay: DelayEstimate | None = None) -> Iterator[Finding]:
+def sign_findings(motion: RecordedMotion, delay: DelayEstimate | None = None) -> Iterator[Finding]:
     """Yield a finding if the force, moved back by its delay, drives the piston."""
     if is_reversed(motion, delay):
         text = (
@@ -252,7 +252,7 @@ def sign_findings(motion: Motion, delay: DelayEstimate | None = None) -> Iterato
         yield Finding(WRONG_MODEL, text, "force")
 
 
-def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Finding]:
+def delay_findings(motion: RecordedMotion, force: DelayEstimate | None) -> Iterator[Finding]:
     """Yield the delay of force or position, and that of the current if it fits neither of the two."""
     moved = _current_instead(motion, force) if force is not None and (force.certain or force.likely) else None
     if moved is not None:
@@ -268,14 +268,14 @@ def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Find
         yield from _describe("current", "force", current, motion)  # not in line with the position instead
 
 
-def _describe(signal: str, other: str, delay: DelayEstimate, motion: Motion) -> Iterator[Finding]:
+def _describe(signal: str, other: str, delay: DelayEstimate, motion: RecordedMotion) -> Iterator[Finding]:
     if abs(delay.nearest_s) >= DelayLimits.MIN_S:
         yield _describe_delay(signal, other, delay, motion)
     elif delay.likely and not delay.alternatives:
         yield _describe_likely(signal, other, delay)
 
 
-def _current_instead(motion: Motion, force: DelayEstimate) -> DelayEstimate | None:
+def _current_instead(motion: RecordedMotion, force: DelayEstimate) -> DelayEstimate | None:
     """Return the delay of the current if it explains the force at least as well as `force`, that of the force, does."""
     current = current_delay(motion)
     if current is None or abs(current.late_s) < DelayLimits.MIN_S:
@@ -292,7 +292,7 @@ LOOK_ALIKES = {  # text by alternative
 }
 
 
-def _describe_delay(signal: str, other: str, delay: DelayEstimate, motion: Motion) -> DelayFinding:
+def _describe_delay(signal: str, other: str, delay: DelayEstimate, motion: RecordedMotion) -> DelayFinding:
     near, far = sorted(1e3 * abs(s) for s in (delay.low_s, delay.high_s))
     name, relation, key_s = _name_late(signal, other, delay.late_s)
     key = f"the key delay (default 0) of {name} in the signals file"
@@ -362,7 +362,7 @@ def find_clock_drift(recording: Recording) -> Finding | None:
 DRIFT_STEPS = 41  # of the rates that are tried on each side
 
 
-def find_drift_within(motion: Motion, delay: DelayEstimate | None = None) -> Finding | None:
+def find_drift_within(motion: RecordedMotion, delay: DelayEstimate | None = None) -> Finding | None:
     """Return a finding if the force fits clearly better at a delay that grows with time than at none and at `delay`."""
     seconds = len(motion) / RATE_HZ
     rates = np.linspace(-DriftLimits.MAX_RATE, DriftLimits.MAX_RATE, 2 * DRIFT_STEPS + 1)

@@ -24,7 +24,7 @@ GAP_S, GAP_INTERVALS = 0.05, 10.0
 
 
 @dataclass(frozen=True)
-class Motion:
+class RecordedMotion:
     """Position [m], speed [m/s], force [N] and current [A], each (n,), on ticks of RATE_HZ.
 
     `sampled_Hz` is the lower rate of position and force. Without a current it is zero. `parts` are the numbers of
@@ -49,7 +49,7 @@ class Motion:
         return np.concatenate(ranges)
 
 
-def join_motions(motions: Sequence[Motion]) -> Motion:
+def join_motions(motions: Sequence[RecordedMotion]) -> RecordedMotion:
     """Return one motion with the first part of each, about MAX_S seconds together."""
     most = max(round(MAX_S * RATE_HZ) // len(motions), round(MIN_S * RATE_HZ))
     position, speed, force, current = (
@@ -57,10 +57,10 @@ def join_motions(motions: Sequence[Motion]) -> Motion:
         for name in ("position", "speed", "force", "current")
     )
     parts = tuple(min(len(motion), most) for motion in motions)
-    return Motion(position, speed, force, current, min(motion.sampled_Hz for motion in motions), parts)
+    return RecordedMotion(position, speed, force, current, min(motion.sampled_Hz for motion in motions), parts)
 
 
-def recorded_motion(recording: Recording) -> Motion | None:
+def recorded_motion(recording: Recording) -> RecordedMotion | None:
     """Return the motion of a recording; None if it lacks position or force, or two seconds without a gap."""
     channels = [_usable(recording, name) for name in ("position", "force")]
     spans = _common_spans(channels) if min(map(len, channels)) >= 20 else np.empty((0, 2), np.int64)
@@ -81,7 +81,7 @@ def recorded_motion(recording: Recording) -> Motion | None:
     held = _at(current, begin, time) if len(current) else np.zeros(len(time))
     part = _fastest_part(speed[::finer])
     x, v, f, i = (np.ascontiguousarray(signal[::finer][part]) for signal in (position, speed, force, held))
-    return Motion(x, v, f, i, sampled_Hz)
+    return RecordedMotion(x, v, f, i, sampled_Hz)
 
 
 def _usable(recording: Recording, name: str) -> Channel:
@@ -137,7 +137,7 @@ VALVE_LAGS_S = (0.0, 0.01, 0.025)
 RIDGE = 1e-5
 
 
-def force_features(motion: Motion) -> F:
+def force_features(motion: RecordedMotion) -> F:
     """Return features (k, n): a map of speed and current, also behind lags, and the position."""
     speeds, factors = hats(motion.speed, KNOTS), [np.ones(len(motion))]
     if not is_constant(motion.current):
@@ -152,7 +152,7 @@ SLOW_VALVE_LAGS_S = (0.05, 0.12)
 INERTIA, SPRING, SLOW_VALVE = "inertia", "position", "valve"
 
 
-def alternative_features(motion: Motion) -> dict[str, F]:
+def alternative_features(motion: RecordedMotion) -> dict[str, F]:
     """Return the features (k, n) of what looks like a delay: inertia, forces that depend on position, a slow valve.
 
     Inertia is missing if only a negative mass, or one beyond DelayLimits.MAX_MASS_KG, fits.
@@ -172,7 +172,7 @@ def alternative_features(motion: Motion) -> dict[str, F]:
     return features
 
 
-def moved_mass(motion: Motion) -> float:
+def moved_mass(motion: RecordedMotion) -> float:
     """Return the mass [kg] whose inertia, beside a map of speed and current, fits the force best; any sign."""
     acceleration = np.gradient(motion.speed) * RATE_HZ
     speeds, n = hats(motion.speed, KNOTS), normalize(motion.current)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F, I, Mask
-from ces_data.checks.motion import RATE_HZ, Motion, fit_errors, force_features, is_constant
+from ces_data.checks.motion import RATE_HZ, RecordedMotion, fit_errors, force_features, is_constant
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, SaturationFinding, mean_rate, runs_of_equal
 from ces_data.limits import CurrentLimits, DamperLimits, RateLimits, SensorLimits
 from ces_data.recording import Channel, Recording
@@ -226,7 +226,7 @@ MAX_STRETCHES = 3  # of one current that are looked at, the longest
 REMEDY = "check the sensor and its cable, and cut these stretches out"
 
 
-def current_findings(recording: Recording, motion: Motion | None) -> Iterator[Finding]:
+def current_findings(recording: Recording, motion: RecordedMotion | None) -> Iterator[Finding]:
     """Yield a finding if the recorded current stands still while the force, or its own noise, shows a fault."""
     channel = recording.channels.get("current")
     if channel is not None:
@@ -234,7 +234,7 @@ def current_findings(recording: Recording, motion: Motion | None) -> Iterator[Fi
         yield from [by_force] if by_force else _without_noise(channel.finite())
 
 
-def _unlike_force(motion: Motion) -> Finding | None:
+def _unlike_force(motion: RecordedMotion) -> Finding | None:
     """Return a finding on the first stretch of one current in which the force changes as if the current moved."""
     runs = runs_of_equal(motion.current)
     lengths = runs[:, 1] - runs[:, 0]
@@ -271,7 +271,7 @@ def _without_noise(channel: Channel) -> Iterator[Finding]:
         yield Finding(WARNING, f"current: stuck {when}, although noise changes it everywhere else; {REMEDY}", "current")
 
 
-def _error(motion: Motion, ticks: I) -> float:
+def _error(motion: RecordedMotion, ticks: I) -> float:
     """Return the relative error of the map from motion and current to the force on these ticks; 0 if little moves."""
     signals = {name: getattr(motion, name)[ticks] for name in ("position", "speed", "force", "current")}
     part = replace(motion, **signals, parts=())

@@ -13,22 +13,27 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_data.checks.delays import is_reversed
-from ces_data.checks.motion import MIN_S, RATE_HZ, Motion, is_constant, recorded_motion
+from ces_data.checks.motion import MIN_S, RATE_HZ, RecordedMotion, is_constant, recorded_motion
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, finite_values, mean_rate
 from ces_data.limits import DamperLimits, RatioLimits
 from ces_data.recording import Recording
+from ces_data.units import find_unit
 
 SPEED_STEPS, MIN_TICKS = 5, 50  # samples of a speed; of a recording
 
-FASTER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # factor of times that are in it
-SLOWER = {"s, not ms": 1e3, "min": 60.0}
-LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "um": 1e-6}
-AS_MM = {"m": 1e3, "cm": 10.0, "inches": 25.4}  # of positions that were taken for mm
-UNITS = {"kN": 1e3, "kip": 4448.2216, "lbf": 4.4482216, "kgf": 9.80665}  # [N]
-AS_KN = {"N, not kN": 1e-3, "N, not kip": 1.0 / 4448.2216, "mN": 1e-3, "gf": 0.00980665}
+
+def _scales(*units: str) -> dict[str, float]:
+    """Return the factors to SI of units."""
+    return {text: unit.scale for text in units if (unit := find_unit(text)) is not None}
 
 
-def unit_findings(recording: Recording, motion: Motion | None) -> Iterator[Finding]:
+FASTER, SLOWER = _scales("ms", "us", "ns"), {"s, not ms": 1e3, **_scales("min")}  # factors of times that are in it
+LENGTHS, UNITS = _scales("mm", "cm", "inches", "um"), _scales("kN", "kip", "lbf", "kgf")
+AS_MM = {text: 1e3 * scale for text, scale in _scales("m", "cm", "inches").items()}  # of positions taken for mm
+AS_KN = {"N, not kN": 1e-3, "N, not kip": 1.0 / UNITS["kip"], "mN": 1e-3, "gf": 1e-3 * UNITS["kgf"]}
+
+
+def unit_findings(recording: Recording, motion: RecordedMotion | None) -> Iterator[Finding]:
     """Yield a finding for the times, or for each signal whose magnitude speaks for another unit.
 
     Percentiles ignore outliers.
@@ -86,7 +91,7 @@ def _name_scales(units: Mapping[str, float], fits: Callable[[float], bool]) -> s
     return f"multiply its scale in the signals file {', '.join(parts)}"
 
 
-def _position(stroke: float, motion: Motion | None, force: float) -> Iterator[Finding]:
+def _position(stroke: float, motion: RecordedMotion | None, force: float) -> Iterator[Finding]:
     """Yield a finding if the piston moves farther, keeps moving faster, or accelerates more than any damper's."""
     moved = motion.speed if motion is not None else np.zeros(2)
     speed, rms = float(np.percentile(np.abs(moved), 99.0)), float(np.sqrt(np.mean(moved**2)))
@@ -162,7 +167,7 @@ def half_span(values: F, without: float = 0.0, outside: float = 1.0) -> float:
     return float(0.5 * np.ptp(np.percentile(values, (outside, 100.0 - outside)))) if len(values) else without
 
 
-def find_exchange(recording: Recording, motion: Motion | None) -> Finding | None:
+def find_exchange(recording: Recording, motion: RecordedMotion | None) -> Finding | None:
     """Return a finding if both ranges are the other signal's and the force returns work; mm and kN do not."""
     stroke, force = (half_span(finite_values(recording, name)) for name in ("position", "force"))
     if (
@@ -206,7 +211,7 @@ def _find_unit(slope: float) -> str | None:
     return None
 
 
-def _slope(first: Motion, other: Motion) -> float:
+def _slope(first: RecordedMotion, other: RecordedMotion) -> float:
     """Return by what the forces of `other` exceed those of `first` in the cells of both; NaN if they are unlike."""
     edges = [
         np.linspace(max(a.min(), b.min()), min(a.max(), b.max()), cells + 1)
@@ -222,7 +227,7 @@ def _slope(first: Motion, other: Motion) -> float:
     return float(y[both].std() / x[both].std()) if correlation > RatioLimits.MIN_CORRELATION else np.nan
 
 
-def _cell_means(motion: Motion, speeds: F, currents: F) -> F:
+def _cell_means(motion: RecordedMotion, speeds: F, currents: F) -> F:
     """Return the mean force [N] in each cell of speed and current, NaN in cells with few ticks."""
     inside = (motion.speed >= speeds[0]) & (motion.speed < speeds[-1])
     if np.ptp(currents) > 0.0:

@@ -20,7 +20,6 @@ from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.logs.mdf import read_frames
 from ces_observer.errors import RecordingError
 
-EXTRA = "can"
 MAX_PROPOSAL_FRAMES = 500_000
 BUS_LOGS = (".blf", ".asc", ".log", ".trc")
 Samples: TypeAlias = "dict[str, dict[str, tuple[array[int], array[float]]]]"  # by MESSAGE.SIGNAL and bus
@@ -36,8 +35,8 @@ class CanLog(TimedLog):
 
     def __init__(self, path: Path, mapping: DynoMapping) -> None:
         self.path, self.source = path, mapping.source
-        self._can = import_reader("can", "python-can", EXTRA, path)
-        self._cantools = import_reader("cantools", "cantools", EXTRA, path)
+        self._can = import_reader("can", path)
+        self._cantools = import_reader("cantools", path)
         if not mapping.dbc:
             remedy = f"give dbc: FILE.dbc in {mapping.source}, or --dbc"
             raise RecordingError(f"{path}: a CAN log needs its database; {remedy}")

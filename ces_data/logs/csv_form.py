@@ -146,20 +146,20 @@ def _find_header(rows: Rows, stated: int | None, decimal: str) -> Header:
     """
     widths = Counter(len(_strip_names(cells)) for _, cells in rows[-LAST_ROWS:])
     width = widths.most_common(1)[0][0] if widths else 0
-    first = _find_first_row(rows, width, decimal) if stated is None else sum(number <= stated for number, _ in rows)
-    if first == 0 or not rows:
+    first_row = _find_first_row(rows, width, decimal) if stated is None else sum(number <= stated for number, _ in rows)
+    if first_row == 0 or not rows:
         return 0, (), ()
-    block = _name_lines(rows[:first], width, decimal)
+    block = _name_lines(rows[:first_row], width, decimal)
     names_at = next((at for at in block if not _is_unit_row(rows[at][1])), None)
     units_at = next((at for at in block if _is_unit_row(rows[at][1])), None)
     if names_at is None:
-        return 1 if first is None else first, (), ()
+        return 1 if first_row is None else first_row, (), ()
     if stated is None:  # the rows begin at the first line below the header that holds a number, though others be bad
         start = max(names_at, -1 if units_at is None else units_at) + 1
-        numbered = (at for at in range(start, first or start) if any(is_number(c, decimal) for c in rows[at][1]))
-        first = next(numbered, first)
+        numbered = (at for at in range(start, first_row or start) if any(is_number(c, decimal) for c in rows[at][1]))
+        first_row = next(numbered, first_row)
     names = list(_strip_names(_strip_mark(rows[names_at][1])))
-    for at in range(names_at + 1, first or len(rows)):  # a table's index is named in a line of its own by pandas
+    for at in range(names_at + 1, first_row or len(rows)):  # a table's index is named in a line of its own by pandas
         for i, cell in enumerate([] if at in block else _strip_mark(rows[at][1])[: len(names)]):
             names[i] = names[i] or cell.strip()
     below = [rows[at][1] for at in block if at > names_at and not _is_unit_row(rows[at][1])]
@@ -167,7 +167,7 @@ def _find_header(rows: Rows, stated: int | None, decimal: str) -> Header:
         joined = [" ".join(pair).strip() for pair in zip(names, _strip_names(below[0]), strict=False)]
         names = joined if len(set(joined)) == len(names) else names
     units = [] if units_at is None else [cell.strip().strip("[]()") for cell in _strip_mark(rows[units_at][1])]
-    return names_at + 1 if first is None else first, tuple(names), tuple(units)
+    return names_at + 1 if first_row is None else first_row, tuple(names), tuple(units)
 
 
 def _find_first_row(rows: Rows, width: int, decimal: str) -> int | None:
@@ -192,17 +192,17 @@ def _find_first_row(rows: Rows, width: int, decimal: str) -> int | None:
 
 def _name_lines(rows: Rows, width: int, decimal: str) -> list[int]:
     """Return the indices of the last lines in a row that are as wide as the table and hold no number."""
-    found: list[int] = []
+    block: list[int] = []
     for at in reversed(range(len(rows))):
         names = _strip_names(_strip_mark(rows[at][1]))
         texts = [text for text in names if text]
         if any(is_number(text, decimal) or is_date(text) for text in texts):
             break
         if len(names) >= max(1, width):
-            found.append(at)
+            block.append(at)
         elif len(texts) > 1:
             break
-    return found[::-1]
+    return block[::-1]
 
 
 def _strip_names(cells: Sequence[str]) -> tuple[str, ...]:
@@ -215,17 +215,17 @@ def _strip_names(cells: Sequence[str]) -> tuple[str, ...]:
 
 def _strip_mark(cells: Sequence[str]) -> list[str]:
     """Return the cells of a line without the mark of a comment at its beginning."""
-    first = cells[0].strip() if cells else ""
-    mark = next((mark for mark in COMMENT_MARKS if first.startswith(mark)), "")
-    rest = first[len(mark) :].strip()
-    return list(cells) if not mark else [rest, *cells[1:]] if rest else list(cells[1:])
+    opening = cells[0].strip() if cells else ""
+    mark = next((mark for mark in COMMENT_MARKS if opening.startswith(mark)), "")
+    text = opening[len(mark) :].strip()
+    return list(cells) if not mark else [text, *cells[1:]] if text else list(cells[1:])
 
 
 def _is_unit_row(cells: Sequence[str]) -> bool:
     """Return whether all cells are units, or marks for none."""
     texts = [cell.strip() for cell in _strip_mark(cells)]
-    known = [text for text in texts if find_unit(text) is not None]
-    return bool(known) and all(text in known or text in NO_UNIT for text in texts)
+    units = [text for text in texts if find_unit(text) is not None]
+    return bool(units) and all(text in units or text in NO_UNIT for text in texts)
 
 
 class AmbiguousDateError(ValueError):
@@ -303,13 +303,13 @@ def _read_parts(part: Mapping[str, str | None], order: str) -> int:
 @cache
 def _offset_s(zone: str) -> int:
     """Return by how much a zone such as `+01:00` is ahead of UTC [s]."""
-    known = datetime.strptime(zone, "%z")
-    return round((known.replace(tzinfo=UTC) - known).total_seconds())
+    moment = datetime.strptime(zone, "%z")
+    return round((moment.replace(tzinfo=UTC) - moment).total_seconds())
 
 
 def _since_1970(moment: datetime) -> int:
-    known = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-    return (known - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1_000
+    in_zone = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    return (in_zone - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1_000
 
 
 def parse_number(cell: str, decimal: str) -> float:
@@ -346,8 +346,8 @@ def mixes_groups(cells: Sequence[str], decimal: str) -> bool:
 
 def is_value(cell: str, decimal: str) -> bool:
     """Return whether a cell is what a row of numbers has: a number in any spelling, a date, or none that is missing."""
-    known = is_number(cell, decimal) or is_date(cell) or is_grouped(cell)
-    return known or not cell.strip() or is_missing(cell)
+    is_written = is_number(cell, decimal) or is_date(cell) or is_grouped(cell)
+    return is_written or not cell.strip() or is_missing(cell)
 
 
 def is_missing(cell: str) -> bool:

@@ -55,9 +55,9 @@ def open_log(path: Path, mapping: DynoMapping, _: Progress) -> LogTable | TimedL
     except json.JSONDecodeError as error:
         if error.msg != "Extra data":
             raise
-        file, one = shlex.quote(str(path)), shlex.quote(f"{path.stem}_list.json")
+        file, list_file = shlex.quote(str(path)), shlex.quote(f"{path.stem}_list.json")
         raise RecordingError(
-            f"{path}: has several JSON values; make one list of them: jq -s . {file} > {one}"
+            f"{path}: has several JSON values; make one list of them: jq -s . {file} > {list_file}"
         ) from None
 
 
@@ -67,8 +67,8 @@ def open_tree(path: Path, mapping: DynoMapping, tree: Any) -> LogTable | TimedLo
     keys = [str(source.key) for source in mapping.signals.values() if isinstance(source, LogColumn)]
     if mapping.time is None and mapping.rate is None and isinstance(root, Mapping):
         listed = dict(_list_series(root))
-        known = all(key in listed or _find_series(_follow_route(path, root, key)) for key in keys)
-        if known if keys else listed:
+        are_series = all(key in listed or _find_series(_follow_route(path, root, key)) for key in keys)
+        if are_series if keys else listed:
             return TreeSeries(path, root)
     return TreeTable(path, mapping, tree)
 
@@ -129,15 +129,15 @@ class TreeTable(LogTable):
     def _cells(self, key: str | int) -> Any:
         if isinstance(self.root, Mapping):
             return self.root[key] if str(key) in self.root else _follow_route(self.path, self.root, str(key))
-        first = self.root[0]
-        if isinstance(key, str) and isinstance(first, Mapping):
+        top = self.root[0]
+        if isinstance(key, str) and isinstance(top, Mapping):
             bad = next((row for row, cells in enumerate(self.root) if not isinstance(cells, Mapping)), None)
             if bad is None:
-                return [row.get(key) for row in self.root] if key in first else _follow_route(self.path, first, key)
-        elif not isinstance(first, list | np.ndarray):
+                return [row.get(key) for row in self.root] if key in top else _follow_route(self.path, top, key)
+        elif not isinstance(top, list | np.ndarray):
             raise RecordingError(f"{self.path}: a list of single values; expected rows, or columns by name")
         else:
-            i = self._index(key, len(first))
+            i = self._index(key, len(top))
             if isinstance(self.root, np.ndarray):
                 return self.root[:, i]
             whole = (isinstance(cells, list | np.ndarray) and len(cells) > i for cells in self.root)
@@ -167,20 +167,20 @@ class TreeSeries(TimedLog):
 
     def _stamp(self, series: Sequence[tuple[str, TimedValues | None]]) -> list[LogSeries]:
         """Return the series with stamps on one clock."""
-        known = [(name, self._require_series(name, found)) for name, found in series]
-        start_s = min(0.0, *(float(seconds.min()) for _, (seconds, _, _) in known)) if known else 0.0
+        stamped = [(name, self._require_series(name, found)) for name, found in series]
+        start_s = min(0.0, *(float(seconds.min()) for _, (seconds, _, _) in stamped)) if stamped else 0.0
         return [
             LogSeries(name, np.rint((seconds - start_s) * 1e9).astype(np.int64), values, unit, key=name)
-            for name, (seconds, values, unit) in known
+            for name, (seconds, values, unit) in stamped
         ]
 
-    def _require_series(self, name: str, found: TimedValues | None) -> TimedValues:
+    def _require_series(self, name: str, series: TimedValues | None) -> TimedValues:
         """Return a series; raises RecordingError if they are missing, empty, of two lengths or no times."""
         where = f"{self.path}: '{name}'"
-        if found is None:
+        if series is None:
             keys = f"{' or '.join(TIME_KEYS)} beside {' or '.join(DATA_KEYS)}"
             raise RecordingError(f"{where} is not a time series; expected a structure with {keys}")
-        seconds, values, _ = found
+        seconds, values, _ = series
         if len(seconds) != len(values):
             raise RecordingError(f"{where} has {len(seconds)} times for {len(values)} values")
         if not len(seconds):
@@ -189,7 +189,7 @@ class TreeSeries(TimedLog):
         if len(bad):
             text = f"time {bad[0]} is {seconds[bad[0]]:g}; expected seconds, at most {MAX_TIME_S:g}"
             raise RecordingError(f"{where}: {text}")
-        return found
+        return series
 
 
 def _follow_route(path: Path, tree: Any, route: str) -> Any:
@@ -274,7 +274,7 @@ def _list_named(tree: Mapping[str, Any]) -> Iterator[tuple[str, TimedValues]]:
 def _structures(value: Any) -> list[Mapping[str, Any]]:
     """Return a structure, or those of an array."""
     several = [value] if isinstance(value, Mapping) else value if isinstance(value, list | np.ndarray) else []
-    return [one for one in several if isinstance(one, Mapping)]
+    return [structure for structure in several if isinstance(structure, Mapping)]
 
 
 def _is_complex(value: Any) -> bool:
@@ -289,11 +289,11 @@ def _find_rows(tree: Any, prefix: str = "") -> str:
         if not _is_plain(name):
             continue
         if isinstance(value, Mapping):
-            found = _find_rows(value, f"{prefix}{name}.")
-            if found or next(_list_arrays(value), None) is not None:
-                return found or f"{prefix}{name}"
-        first = value[0] if isinstance(value, list | np.ndarray) and len(value) >= MIN_ROWS else None
-        if isinstance(first, Mapping) or (isinstance(first, list | np.ndarray) and len(first) > 1):
+            inner = _find_rows(value, f"{prefix}{name}.")
+            if inner or next(_list_arrays(value), None) is not None:
+                return inner or f"{prefix}{name}"
+        top = value[0] if isinstance(value, list | np.ndarray) and len(value) >= MIN_ROWS else None
+        if isinstance(top, Mapping) or (isinstance(top, list | np.ndarray) and len(top) > 1):
             return f"{prefix}{name}"
     return ""
 
@@ -322,7 +322,7 @@ def _describe_objects(objects: Sequence[tuple[str, MatlabObject]]) -> str:
     """Return which objects a tree holds and what to do about one of them, '' if it holds none."""
     if not objects:
         return ""
-    (name, first), *rest = sorted(objects, key=lambda one: one[1].kind not in REMEDIES)
+    (name, kind_of_first), *rest = sorted(objects, key=lambda named: named[1].kind not in REMEDIES)
     others = [f"'{other}' ({value.kind})" for other, value in rest[:MAX_SHOWN]]
     more = [f"{len(rest) - MAX_SHOWN} more"] if len(rest) > MAX_SHOWN else []
-    return _describe_object(first, name) + (f"; likewise {', '.join([*others, *more])}" if others else "")
+    return _describe_object(kind_of_first, name) + (f"; likewise {', '.join([*others, *more])}" if others else "")

@@ -36,6 +36,13 @@ REMEDIES = {  # what to do about files that are not read
 }
 CAN_ASC = re.compile(rb"^\s*(date\s|base\s+(hex|dec)|//\s*version|Begin\s+Trigger)", re.IGNORECASE | re.MULTILINE)
 BAGS = (".mcap", ".db3")
+LIBRARIES = {  # optional ones: the package to install, and the extra that has it
+    "asammdf": ("asammdf", "mdf"),
+    "can": ("python-can", "can"),
+    "cantools": ("cantools", "can"),
+    "h5py": ("h5py", "mat73"),
+    "pyarrow": ("pyarrow", "parquet"),
+}
 Progress = Callable[[float], None]  # is called with the share that is read
 
 
@@ -127,17 +134,17 @@ def align_blocks(parts: Sequence[Iterator[LogSeries]]) -> Iterator[list[LogSerie
     unread = set(range(len(parts)))
     while unread:
         ends = {i: int(waiting[i].stamps_ns[-1]) if len(waiting[i].stamps_ns) else -1 for i in unread}
-        first = min(ends, key=lambda i: ends[i])
-        more = next(parts[first], None)
+        earliest = min(ends, key=lambda i: ends[i])
+        more = next(parts[earliest], None)
         if more is None:
-            unread.remove(first)
+            unread.remove(earliest)
             continue
-        cuts = [int(np.searchsorted(one.stamps_ns, ends[first], side="right")) for one in waiting]
-        cuts[first] = len(waiting[first].stamps_ns)
+        cuts = [int(np.searchsorted(series.stamps_ns, ends[earliest], side="right")) for series in waiting]
+        cuts[earliest] = len(waiting[earliest].stamps_ns)
         if any(cuts):
-            yield [_slice(one, slice(cut)) for one, cut in zip(waiting, cuts, strict=True)]
-        waiting = [_slice(one, slice(cut, None)) for one, cut in zip(waiting, cuts, strict=True)]
-        waiting[first] = more
+            yield [_slice(series, slice(cut)) for series, cut in zip(waiting, cuts, strict=True)]
+        waiting = [_slice(series, slice(cut, None)) for series, cut in zip(waiting, cuts, strict=True)]
+        waiting[earliest] = more
     yield waiting
 
 
@@ -151,14 +158,14 @@ def join_names(names: Sequence[str]) -> str:
     return ", ".join([*map(str, names[:MAX_NAMES]), *more])
 
 
-def import_reader(module: str, package: str, extra: str, path: Path) -> Any:
-    """Import an optional library; raises RecordingError that names the extra to install if it is missing."""
+def import_reader(module: str, path: Path, what: str = "reading") -> Any:
+    """Import one of the LIBRARIES; raises RecordingError that names the extra to install if it is missing."""
     try:
         return import_module(module)
     except ImportError:
-        raise RecordingError(
-            f"{path}: reading {path.suffix or path.name} needs {package}: pip install 'ces_observer[{extra}]'"
-        ) from None
+        package, extra = LIBRARIES[module.partition(".")[0]]
+        remedy = f"pip install 'ces_observer[{extra}]'"
+        raise RecordingError(f"{path}: {what} {path.suffix or path.name} needs {package}: {remedy}") from None
 
 
 def open_log(path: Path, mapping: DynoMapping, progress: Progress = lambda share: None) -> LogTable | TimedLog:

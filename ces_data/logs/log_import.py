@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,11 +11,11 @@ from typing import TypeVar
 import numpy as np
 
 from ces_data.bags.reader import sort_late_samples
-from ces_data.integration import with_stroke
 from ces_data.limits import TableLimits
 from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog, open_log
 from ces_data.logs.log_mapping import ONE_TIME, DynoMapping, FileNameValue, FixedValue, LogColumn, MappingError
 from ces_data.recording import Channel, Recording, Stamps, Values
+from ces_data.samples import with_stroke
 from ces_data.units import QUANTITIES, find_unit, split_unit
 from ces_observer.errors import RecordingError
 from ces_observer.signals import MOTIONS, UNITS
@@ -120,13 +119,13 @@ def _of_table(table: LogTable, mapping: DynoMapping, rate: float, clock: TableCl
     return Recording(table.path.stem, channels, source=str(table.path))
 
 
-def _of_series(log: TimedLog, mapping: DynoMapping, found: Mapping[str, LogSeries]) -> Recording:
+def _of_series(log: TimedLog, mapping: DynoMapping, series_by_name: Mapping[str, LogSeries]) -> Recording:
     """Return the channels with their own stamps; a constant has those of the position, or of the first channel."""
-    stamps = found.get("position", next(iter(found.values()))).stamps_ns
+    stamps = series_by_name.get("position", next(iter(series_by_name.values()))).stamps_ns
     channels = {}
     for name, source in mapping.signals.items():
         if isinstance(source, LogColumn):
-            series = found[name]
+            series = series_by_name[name]
             where = f"{log.path}: '{series.label}'"
             scale, offset = find_factors(name, source, series.unit, where, mapping.source)
             channel, _ = sort_late_samples(Channel(name, UNITS[name], series.stamps_ns, scale * series.values + offset))
@@ -145,13 +144,13 @@ def find_factors(signal: str, column: LogColumn, unit: str, where: str, source: 
         unit = named.text
     if column.scaled or not unit.strip():
         return column.scale, column.offset
-    known = find_unit(unit)
-    if known is None or known.quantity not in QUANTITIES[signal]:
+    stated = find_unit(unit)
+    if stated is None or stated.quantity not in QUANTITIES[signal]:
         raise MappingError(
             f"{where} is in '{unit}', which is not a unit of a {signal} [{UNITS[signal]}]; give {signal} a unit or "
             f"scale in {source}"
         )
-    return known.scale, known.offset
+    return stated.scale, stated.offset
 
 
 def _constant(source: FixedValue | FileNameValue, path: Path, mapping: DynoMapping) -> float:
@@ -173,8 +172,8 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
     clock = clock or TableClock()
     stamps = table.stamps(column)
     if stamps is None:
-        known = None if column.scaled else find_unit(table.unit(column.key))  # the unit that the file states
-        scale = known.scale if known is not None and known.quantity == "time" else column.scale
+        stated = None if column.scaled else find_unit(table.unit(column.key))  # the unit that the file states
+        scale = stated.scale if stated is not None and stated.quantity == "time" else column.scale
         seconds = scale * table.column(column.key) + column.offset
         _require_finite(seconds, table)
         stamps = np.rint(seconds / scale if scale == 1e-9 else seconds * 1e9).astype(np.int64)
@@ -228,12 +227,12 @@ def _require_forward(
     if not len(backwards):
         return
     if not len(forward):
-        raise RecordingError(f"{path}: the newest row is first; reverse the rows{_shell_lines(path, place, 0)}")
+        raise RecordingError(f"{path}: the newest row is first; reverse the rows")
     row, more = int(backwards[0]), f" ({len(backwards) - 1} more below)" if len(backwards) > 1 else ""
     begin, again = (stamps[i] * 1e-9 for i in (row, row + 1))
     what = f"{path}: {place(row + 1)}: time runs backwards, from {begin:.13g} s to {again:.13g} s{more}"
     usual = float(np.median(forward))
-    cut = f"cut it before {place(row + 1)}{_shell_lines(path, place, row + 1)}"
+    cut = f"cut it before {place(row + 1)}"
     ordered = np.sort(stamps)
     if _is_even(ordered[1:] - ordered[:-1], usual):
         remedy = "rows are out of order, and no time is missing; sort the rows by time"
@@ -249,16 +248,3 @@ def _require_forward(
 
 def _is_even(steps: Stamps, usual: float) -> bool:
     return bool(np.all(np.abs(steps - usual) < 0.5 * usual))
-
-
-def _shell_lines(path: Path, place: Callable[[int], str], row: int) -> str:
-    """Return the commands that reverse the rows of a text table, or cut it before a row; '' for other logs."""
-    first, line = (place(at).removeprefix("line ") for at in (0, row))
-    if not first.isdecimal():
-        return ""
-    file = shlex.quote(str(path))
-    ordered, one, two = (shlex.quote(f"{path.stem}_{end}{path.suffix}") for end in ("ordered", 1, 2))
-    head = f"head -n {int(first) - 1} {file}; "
-    if row == 0:
-        return f": ({head}tail -n +{first} {file} | sed '$a\\' | tac) > {ordered}"
-    return f": head -n {int(line) - 1} {file} > {one}; ({head}tail -n +{line} {file}) > {two}"

@@ -63,7 +63,7 @@ def replace_objects(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 def open_mat73(path: Path) -> Mapping[str, Any]:
     """Open a file as a nested mapping, which keeps it open; raises RecordingError if damaged or without h5py."""
-    h5py = import_reader("h5py", "h5py", "mat73", path)
+    h5py = import_reader("h5py", path)
     try:
         return _Structure(path, h5py.File(path, "r"), h5py)
     except OSError as error:

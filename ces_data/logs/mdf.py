@@ -46,7 +46,7 @@ class MdfLog(TimedLog):
 
     def __init__(self, path: Path, progress: Progress) -> None:
         self.path, self._progress = path, progress
-        import_reader("asammdf", "asammdf", "mdf", path)
+        import_reader("asammdf", path)
 
     def read(self, columns: Sequence[LogColumn]) -> list[LogSeries]:
         """Return the channels of these names; one after the other is read from the file."""
@@ -116,7 +116,7 @@ class MdfLog(TimedLog):
 @contextmanager
 def opened_mdf(path: Path) -> Iterator[Any]:
     """Open an MDF file with asammdf; raises RecordingError if it is damaged or the library is missing."""
-    library = import_reader("asammdf", "asammdf", "mdf", path)
+    library = import_reader("asammdf", path)
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # its errors are raised as well, and reported here
     try:
         with path.open("rb") as file, library.MDF(file) as mdf:
@@ -143,7 +143,7 @@ def read_frames(path: Path) -> Iterator[Any]:
 
     Their `timestamp` counts seconds from 1970. python-can's own reader passes in silence over groups without a source.
     """
-    library = import_reader("can", "python-can", "can", path)
+    library = import_reader("can", path)
     with opened_mdf(path) as mdf:
         groups = sorted({group for group, _ in mdf.channels_db.get(f"{BUS_FRAMES}.DataBytes", ())})
         if not groups:

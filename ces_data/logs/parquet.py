@@ -28,8 +28,8 @@ class ParquetTable(LogTable):
 
     def __init__(self, path: Path, mapping: DynoMapping, progress: Progress) -> None:
         self.path, self.mapping, self._progress = path, mapping, progress
-        parquet = import_reader("pyarrow.parquet", "pyarrow", "parquet", path)
-        self._arrow = import_reader("pyarrow", "pyarrow", "parquet", path)
+        parquet = import_reader("pyarrow.parquet", path)
+        self._arrow = import_reader("pyarrow", path)
         self._arrow.set_memory_pool(self._arrow.system_memory_pool())  # its own pool keeps what is freed
         try:
             self._file = parquet.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False)

@@ -99,35 +99,35 @@ def find_bag_candidates(paths: Sequence[Path]) -> tuple[tuple[Candidate, ...], d
     """Return the candidates in all bags, joined in time, and why topics were skipped; raises RecordingError if none."""
     bags = [read_fields(path) for path in paths]
     series = [{(s.topic, s.type, s.field): s for s in bag.series} for bag in bags]
-    common = [key for key in series[0] if all(key in one for one in series)]
+    common = [key for key in series[0] if all(key in fields for fields in series)]
     if not common:
         names = ", ".join(str(path) for path in paths)
         raise RecordingError(f"{names}: no numbers in {'any topic' if len(paths) == 1 else 'a topic that all have'}")
     offsets, end = [], 0
     for bag in bags:
-        first = min(int(one.stamps_ns.min()) for one in bag.series)
-        last = max(int(one.stamps_ns.max()) for one in bag.series)
+        first = min(int(fields.stamps_ns.min()) for fields in bag.series)
+        last = max(int(fields.stamps_ns.max()) for fields in bag.series)
         offsets.append(end - first)
         end += last - first + BETWEEN_BAGS_NS
     keys = sorted(common, key=lambda key: key[0])  # by topic; within a message as its fields come
-    found = tuple(_join([one[key] for one in series], offsets) for key in keys)
-    return found, {name: why for bag in bags for name, why in bag.skipped.items()}
+    candidates = tuple(_join([fields[key] for fields in series], offsets) for key in keys)
+    return candidates, {name: why for bag in bags for name, why in bag.skipped.items()}
 
 
 def _join(parts: Sequence[FieldSeries], offsets: Sequence[int]) -> Candidate:
     """Return the candidate of a field, the stamps of each bag moved by its offset [ns]."""
-    first = parts[0]
-    field_name, unit = split_unit(first.field.replace("[", "_").replace("]", ""))
-    topic_name, topic_unit = split_unit(first.topic)
+    sample = parts[0]
+    field_name, unit = split_unit(sample.field.replace("[", "_").replace("]", ""))
+    topic_name, topic_unit = split_unit(sample.topic)
     where = "from the field's name" if unit else "from the topic's name"
     return Candidate(
-        label=f"{first.topic} {first.field}",
-        names=(field_name, topic_name, first.type.rpartition("/")[2]),
+        label=f"{sample.topic} {sample.field}",
+        names=(field_name, topic_name, sample.type.rpartition("/")[2]),
         stamps_ns=np.concatenate([part.stamps_ns + offset for part, offset in zip(parts, offsets, strict=True)]),
         values=np.concatenate([part.values for part in parts]),
-        kind=first.type,
-        topic=first.topic,
-        field=first.field,
+        kind=sample.type,
+        topic=sample.topic,
+        field=sample.field,
         unit=unit or topic_unit,
         stated=where if unit or topic_unit else "",
     )
@@ -139,7 +139,7 @@ def find_log_candidates(log: LogTable | TimedLog, rate: float | None) -> LogCand
 
 
 def _of_series(log: TimedLog) -> LogCandidates:
-    found, keys, unread = [], {}, {}
+    candidates, keys, unread = [], {}, {}
     for series in log.read_all():
         if series.label in keys:
             continue
@@ -151,9 +151,11 @@ def _of_series(log: TimedLog) -> LogCandidates:
         name, unit = split_unit(DIALLED_PATH.sub("", key))
         stated = find_unit(series.unit)
         how = "that the log states for it" if stated else "from its name" if unit else ""
-        found.append(Candidate(series.label, (name,), series.stamps_ns, series.values, unit=stated or unit, stated=how))
+        candidates.append(
+            Candidate(series.label, (name,), series.stamps_ns, series.values, unit=stated or unit, stated=how)
+        )
         keys[series.label] = LogColumn(key, group=series.group)
-    return LogCandidates(tuple(found), keys, time_text="the channels' own times", unread=unread)
+    return LogCandidates(tuple(candidates), keys, time_text="the channels' own times", unread=unread)
 
 
 def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
@@ -197,7 +199,7 @@ def _meanings(name: str) -> Iterator[str]:
 
 def _read_columns(table: LogTable) -> tuple[list[_TableColumn], dict[str, str]]:
     """Return the columns that hold numbers, by name, or by number if the name is not unique; and why not the others."""
-    found: list[_TableColumn] = []
+    columns: list[_TableColumn] = []
     unread: dict[str, str] = {}
     for i, name in enumerate(table.names or range(min(table.width, MAX_COLUMNS))):
         key = i if list(table.names).count(str(name)) > 1 or not table.names or not str(name) else str(name)
@@ -208,8 +210,8 @@ def _read_columns(table: LogTable) -> tuple[list[_TableColumn], dict[str, str]]:
             continue
         stated, (plain, unit) = find_unit(table.unit(key)), split_unit(DIALLED_PATH.sub("", str(name)))
         where = "from the header" if stated else "from its name" if unit else ""
-        found.append(_TableColumn(key, values, stated or unit, plain, where))
-    return found, unread
+        columns.append(_TableColumn(key, values, stated or unit, plain, where))
+    return columns, unread
 
 
 def _without_path(error: RecordingError, table: LogTable) -> str:
@@ -308,13 +310,13 @@ def _doubt_time(table: LogTable, time: LogColumn, stamps: Stamps, candidates: Se
 
 def _doubt_pairs(columns: Sequence[_TableColumn], time: LogColumn) -> str:
     """Return that signals have times of their own, as in `t_x, x, t_F, F`, '' if one time is that of all."""
-    first = next((c for c in columns if c.key == time.key), None)
-    if first is None:
+    chosen = next((c for c in columns if c.key == time.key), None)
+    if chosen is None:
         return ""
     are_times = [(c.time_unit is not None or c.named_time) and c.goes_forward for c in columns]
-    times = first.values * (first.time_unit.scale if first.time_unit else 1.0)
+    times = chosen.values * (chosen.time_unit.scale if chosen.time_unit else 1.0)
     for c, is_time, after_time in zip(columns, are_times, [True, *are_times], strict=False):
-        if c is first or not is_time or after_time:
+        if c is chosen or not is_time or after_time:
             continue
         others = c.values * (c.time_unit.scale if c.time_unit else 1.0)
         if others.shape == times.shape:  # the same time, or one of another clock, is no time of other samples
@@ -322,7 +324,7 @@ def _doubt_pairs(columns: Sequence[_TableColumn], time: LogColumn) -> str:
             if apart[0] >= TableLimits.MAX_APART * step or apart.max() <= TableLimits.MIN_APART * step:
                 continue
         return (
-            f"time: columns {first.key!r} and {c.key!r} are both times and differ; a table has one time for all its "
+            f"time: columns {chosen.key!r} and {c.key!r} are both times and differ; a table has one time for all its "
             "columns (save each signal with its own time as MAT, JSON or MDF, or one time with blank cells where a "
             "signal has no sample)"
         )

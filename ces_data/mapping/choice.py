@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ces_data.limits import RatingLimits
-from ces_data.mapping.motion_table import MotionTable
 from ces_data.mapping.rating import (
     OUTWARD,
     USUAL,
     Candidate,
+    MotionTable,
     Rating,
     find_side,
     find_word,
@@ -128,8 +128,8 @@ class _Chooser:
         """Return the sides by which the position's good candidates differ, none for one damper."""
         good = [r.candidate for r in self._strokes(self.candidates) if r.named and r.points >= RatingLimits.MIN_POINTS]
         ordered = [candidate for candidate in self.candidates if candidate in good]
-        for one in good:
-            twins = [c for c in ordered if c is one or find_side(c.names, one.names)]
+        for stroke in good:
+            twins = [c for c in ordered if c is stroke or find_side(c.names, stroke.names)]
             if len(twins) > 1:
                 return name_sides([c.names for c in twins])
         return ()
@@ -142,16 +142,16 @@ class _Chooser:
         taken = [choice.candidate for choice in (stroke, force) if isinstance(choice, Choice)]
         current = _pick("current", self._currents(candidates, taken), self.table)
         results = {"position": stroke, "current": current, "force": force}
-        found = {signal: result for signal, result in results.items() if isinstance(result, Choice)}
+        choices = {signal: result for signal, result in results.items() if isinstance(result, Choice)}
         missing = {signal: result for signal, result in results.items() if isinstance(result, NotFound)}
         speeds = self._speeds([c for c in candidates if c not in taken], stroke if isinstance(stroke, Choice) else None)
         for signal, ratings in (("temperature", _rate_all(candidates, "temperature")), ("speed", speeds)):
             choice = _pick(signal, ratings, self.table)
-            if isinstance(choice, Choice) and (not choice.checks or (signal == "speed" and "position" not in found)):
-                found[signal] = choice
-        if "speed" in found:
+            if isinstance(choice, Choice) and (not choice.checks or (signal == "speed" and "position" not in choices)):
+                choices[signal] = choice
+        if "speed" in choices:
             missing.pop("position", None)
-        return DamperChoice(_find_signs(found, self.table), missing)
+        return DamperChoice(_find_signs(choices, self.table), missing)
 
     def _speeds(self, candidates: Sequence[Candidate], position: Choice | None) -> list[Rating]:
         """Return the ratings as speed, of those that go to and fro: beside a position, of its derivatives."""
@@ -169,9 +169,9 @@ class _Chooser:
             if not abs(correlation) >= least:
                 continue
             if unit := rating.candidate.unit or _unit_of_speed(abs(position.scale / gain)):
-                known = replace(rating, candidate=replace(rating.candidate, unit=unit), named=True)
+                with_unit = replace(rating, candidate=replace(rating.candidate, unit=unit), named=True)
                 reason = f"goes as the differentiated {position.candidate.label} ({correlation:+.2f})"
-                derived.append(known.add(RatingLimits.MIN_POINTS, reason))
+                derived.append(with_unit.add(RatingLimits.MIN_POINTS, reason))
         return _sort(derived)
 
     def _strokes(self, candidates: Sequence[Candidate]) -> list[Rating]:
@@ -182,7 +182,7 @@ class _Chooser:
         improved = []
         for rating in usable:
             goes = [(self._damping(rating.candidate, force, rating.named), force.label) for force in forces]
-            best, label = max(goes, key=lambda one: abs(one[0]), default=(0.0, ""))
+            best, label = max(goes, key=lambda pair: abs(pair[0]), default=(0.0, ""))
             improved.append(_add_damping(rating, best, f"{label} goes with its speed"))
         return _sort([*improved, *(r for r in ratings if r.excluded or r not in usable)])
 
@@ -262,8 +262,8 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
         if excluded := next(named, None):
             reason = f"'{excluded.candidate.label}' is named like it, but {excluded.excluded}"
         return NotFound(signal, reason, others or tuple(ratings))
-    best, *rest = good
-    equal = [r for r in rest if best.points - r.points < RatingLimits.MIN_MARGIN]
+    best, *others_alike = good
+    equal = [r for r in others_alike if best.points - r.points < RatingLimits.MIN_MARGIN]
     if equal and not all(table.is_same(best.candidate, r.candidate) for r in equal):
         labels = ", ".join(r.candidate.label for r in (best, *equal))
         return NotFound(signal, f"{1 + len(equal)} candidates are equally good: {labels}", (best, *equal))
@@ -291,9 +291,9 @@ def _unit_of_speed(factor: float) -> Unit | None:
     return next((unit for unit in units if abs(factor / unit.scale - 1.0) < RatingLimits.UNIT_TOLERANCE), None)
 
 
-def _find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice]:
+def _find_signs(choices: dict[str, Choice], table: MotionTable) -> dict[str, Choice]:
     """Return the choices with their signs; a speed beside a position has that of its derivative."""
-    signed = _find_sign_of_force(found, table, "position" if "position" in found else "speed")
+    signed = _find_sign_of_force(choices, table, "position" if "position" in choices else "speed")
     position, speed = signed.get("position"), signed.get("speed")
     if position is not None and speed is not None:
         correlation, _ = table.correlate(position.candidate, speed.candidate)
@@ -302,22 +302,22 @@ def _find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choic
     return signed
 
 
-def _find_sign_of_force(found: dict[str, Choice], table: MotionTable, motion: str) -> dict[str, Choice]:
+def _find_sign_of_force(choices: dict[str, Choice], table: MotionTable, motion: str) -> dict[str, Choice]:
     """Return the choices with negative scales where the sign is clearly the other one, each with its reason.
 
     A force that goes against the speed means that the position (or speed: `motion`) or the force is positive in
     rebound. The position's name decides, or else the larger peak of the force, which is that in rebound; without
     either, the force is turned, and that is to be checked.
     """
-    position, force = found.get(motion), found.get("force")
+    position, force = choices.get(motion), choices.get("force")
     if position is None or force is None:
-        return found
+        return choices
     compare = table.correlate if motion == "position" else table.correlate_values
     correlation, _ = compare(position.candidate, force.candidate)
     if not abs(correlation) >= RatingLimits.MIN_DAMPING:
         unknown = "too few samples to compare force and speed"
         text = unknown if np.isnan(correlation) else f"force and speed hardly correlate ({correlation:+.2f})"
-        return {**found, "force": replace(force, checks=(*force.checks, f"{UNCHECKED}: {text}"))}
+        return {**choices, "force": replace(force, checks=(*force.checks, f"{UNCHECKED}: {text}"))}
     outward = find_word(position.candidate.names, OUTWARD)
     low, high = np.percentile(force.candidate.finite, (1.0, 99.0))  # the larger peak, if it is clearly larger
     negative, positive = (
@@ -340,7 +340,7 @@ def _find_sign_of_force(found: dict[str, Choice], table: MotionTable, motion: st
     else:
         text = f"which of the two is positive in rebound cannot be known from the numbers; turn the {motion} instead if"
         force = _turn(replace(force, checks=(*force.checks, f"{text} it is")), reason)
-    return {**found, motion: position, "force": force}
+    return {**choices, motion: position, "force": force}
 
 
 def _turn(choice: Choice, reason: str) -> Choice:

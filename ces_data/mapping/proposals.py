@@ -139,15 +139,15 @@ def propose_mapping(
         raise RecordingError(f"{path}: ", OptionName("rate"), times)
     if dbc and not isinstance(log, CanLog):
         raise RecordingError(f"{path}: ", OptionName("dbc"), " does not apply: this is no CAN log")
-    found = find_log_candidates(log, rate)
-    selection = choose(found.candidates, integrates=True)
+    candidates = find_log_candidates(log, rate)
+    selection = choose(candidates.candidates, integrates=True)
     if damper and damper not in selection.names:
         raise RecordingError(f"{path}: no damper '{damper}'; found: {', '.join(selection.names) or 'one damper only'}")
-    writer = _MappingWriter(log, found, selection, dbc, damper)
+    writer = _MappingWriter(log, candidates, selection, dbc, damper)
     text = "\n".join(writer.lines()) + "\n"
     mapping = None if writer.missing else parse_dyno_mapping(text, f"the mapping proposed for {path}")
     # a mapping may resolve the form of a time; what may be any signal is the fault of each
-    unread = [(s, why) for key, why in found.unread.items() for s in (REQUIRED if key == ANY else (key,))]
+    unread = [(s, why) for key, why in candidates.unread.items() for s in (REQUIRED if key == ANY else (key,))]
     faults = frozenset(f"{signal}: {why}" for signal, why in unread if signal != "time")
     doubts = (*writer.missing, *writer.doubts)
     return MappingProposal(selection, text, mapping, log, doubts, writer.remarks, tuple(writer.summary()), faults)
@@ -165,31 +165,31 @@ class _MappingWriter:
     def __init__(
         self,
         log: LogTable | TimedLog,
-        found: LogCandidates,
+        candidates: LogCandidates,
         selection: Selection,
         dbc: Sequence[Path],
         damper: str,
     ) -> None:
-        self.log, self.found, self.dbc = log, found, dbc
+        self.log, self.found, self.dbc = log, candidates, dbc
         self.name = f"{log.path.name}#{damper}" if damper else log.path.name
         names = selection.names
-        first = selection.dampers[damper or (names[0] if names else "")]
-        self.choices = {**selection.dampers[""].choices, **first.choices}
+        damper_choice = selection.dampers[damper or (names[0] if names else "")]
+        self.choices = {**selection.dampers[""].choices, **damper_choice.choices}
         self.amperes = AMPERES.search(log.path.name) if "current" not in self.choices else None
-        any_fault = found.unread.get(ANY)  # of a column that is named like the signal, or that may be any
+        any_fault = candidates.unread.get(ANY)  # of a column that is named like the signal, or that may be any
         self.absent = [
-            replace(missing, reason=found.unread.get(signal, any_fault or missing.reason))
-            for signal, missing in first.missing.items()
+            replace(missing, reason=candidates.unread.get(signal, any_fault or missing.reason))
+            for signal, missing in damper_choice.missing.items()
         ]
         unknown = [missing for missing in self.absent if not (missing.signal == "current" and self.amperes)]
         self.missing = [f"{missing.signal}: {missing.reason}" for missing in unknown]
-        if not found.time_text:
-            self.missing.append(f"time: {found.unread.get('time', NO_TIME)}")
+        if not candidates.time_text:
+            self.missing.append(f"time: {candidates.unread.get('time', NO_TIME)}")
         checks = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
         self.remarks = tuple(check for check in checks if UNCHECKED in check)
         self.doubts = [check for check in checks if UNCHECKED not in check]
-        if found.time_doubt:
-            self.doubts.append(found.time_doubt)
+        if candidates.time_doubt:
+            self.doubts.append(candidates.time_doubt)
         if names and not damper:
             select = shlex.quote(f"{log.path}#{names[0]}")
             self.doubts.append(f"several dampers ({', '.join(names)}); select one with {select}, as this mapping does")

@@ -114,7 +114,7 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     Column(
         "Probability [%]",
         lambda r: r.percent,
-        html=lambda r: BAR.format(r.percent, 100.0 * r.probability) if r.probability is not None else Markup(""),
+        html=lambda r: BAR.format(r.percent, 100.0 * r.probability, "") if r.probability is not None else Markup(""),
         css="chance-of",
     ),
     Column(

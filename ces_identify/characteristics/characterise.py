@@ -52,7 +52,7 @@ BINS = 32
 RANGES = 4
 RANGE_QUANTILE = 0.998  # of |speed|, the edge of the outermost bins
 QUANTILES = (0.1, 0.5, 0.9)
-FEW = f"fewer than {DynoLimits.MIN_CYCLES} cycles: no spread"
+FEW = f"fewer than {DynoLimits.MIN_REPEATS} cycles: no spread"
 NOTHING_DISSIPATED = "the loop dissipates nothing: check the sign of force or position, or the delay between them"
 NO_RATIO = "one direction does not resist: no ratio (offset of the force?)"
 Condition = tuple[I, dict[str, float]]  # the cycles (indices, rising), and the columns that describe them
@@ -120,7 +120,7 @@ def fill_bins(stretches: Sequence[Stretch], source: str, tolerance_A: float) -> 
         for index in range(BINS):
             inside = places[cell[places] == index]
             visits = 1 + int((np.diff(inside) > 1).sum())
-            if len(inside) >= BinLimits.MIN_SAMPLES and visits >= BinLimits.MIN_VISITS:
+            if len(inside) >= BinLimits.MIN_SAMPLES and visits >= DynoLimits.MIN_REPEATS:
                 low, median, high = (float(q) for q in np.quantile(force[inside], QUANTILES))
                 yield SpeedBin(
                     source=source,
@@ -176,7 +176,7 @@ def cycle_tables(cycles: Cycles, tolerance_A: float, sources: Sequence[str]) -> 
             count = int(np.isfinite(values.work_J).sum())
             of_source = SourceValues({"source": source, "cycles": count, **columns}, chosen, values, measured)
             for name, make_rows in ROWS_OF.items():
-                if count >= (1 if name == "peak_velocity" else DynoLimits.MIN_CYCLES):
+                if count >= (1 if name == "peak_velocity" else DynoLimits.MIN_REPEATS):
                     tables[name] += make_rows(of_source)
     return {name: tuple(rows) for name, rows in tables.items()}
 
@@ -189,7 +189,7 @@ def current_tolerance(stretches: Sequence[Stretch]) -> float:
             largest = max(largest, float(np.percentile(np.abs(current), 99.0)))
         changes = current[np.diff(current, prepend=np.nan) != 0.0]  # held samples would hide the noise
         noise = max(noise, noise_rms(changes if len(changes) > 0.1 * len(current) else current))
-    return max(DynoLimits.CURRENT_SHARE * largest, DynoLimits.CURRENT_NOISE * noise, 1e-9)
+    return max(DynoLimits.SAME * largest, DynoLimits.BEYOND_NOISE * noise, 1e-9)
 
 
 def find_conditions(cycles: Cycles, tolerance_A: float) -> list[Condition]:
@@ -217,7 +217,7 @@ def _group_cycles(indices: I, amplitude: F, frequency: F, centre: F) -> Iterator
     means: list[F] = []
     for index in indices.tolist():
         values = np.array([np.log(amplitude[index]), np.log(frequency[index]), centre[index] / amplitude[index]])
-        limits = (DynoLimits.SAME_SIZE, DynoLimits.SAME_SIZE, DynoLimits.SAME_CENTRE)
+        limits = (DynoLimits.SAME, DynoLimits.SAME, DynoLimits.SAME_CENTRE)
         match = next((k for k, mean in enumerate(means) if (np.abs(values - mean) <= limits).all()), None)
         if match is None:
             members.append([index])
@@ -238,7 +238,7 @@ def peak_rows(source: SourceValues) -> Iterator[PeakForce]:
             speed_m_s=mean(half.peak_speed),
             **_with_sd("force", "N", half.peak_force),
             **_with_sd("difference", "N", source.difference(half.peak_force, measured.peak_force)),
-            note=FEW if source.key["cycles"] < DynoLimits.MIN_CYCLES else "",
+            note=FEW if source.key["cycles"] < DynoLimits.MIN_REPEATS else "",
         )
 
 
@@ -308,7 +308,7 @@ def mean(values: F) -> float:
 
 
 def _with_sd(name: str, unit: str, values: F) -> dict[str, Any]:
-    """Return the columns of a mean and its standard deviation between cycles, NaN for fewer than MIN_CYCLES."""
+    """Return the columns of a mean and its standard deviation between cycles, NaN for fewer than MIN_REPEATS."""
     finite = values[np.isfinite(values)]
-    sd = float(finite.std(ddof=1)) if len(finite) >= DynoLimits.MIN_CYCLES else np.nan
+    sd = float(finite.std(ddof=1)) if len(finite) >= DynoLimits.MIN_REPEATS else np.nan
     return {f"{name}_{unit}": mean(values), f"{name}_sd_{unit}": sd}

@@ -26,7 +26,7 @@ REASONS = (
     f"fewer than {DynoLimits.MIN_SAMPLES} position samples in a cycle",
     f"the bandwidth of the speed is below {DynoLimits.MIN_BANDWIDTH_RATIO:g} times the cycle's frequency",
     "no measured force over the whole cycle",
-    "its peak speed is less than 10 times the noise of the speed",
+    f"its peak speed is less than {DynoLimits.MIN_PEAK:g} times the noise of the speed",
 )
 
 COMPRESSION, REBOUND = "compression", "rebound"
@@ -81,7 +81,7 @@ def find_cycles(stretch: Stretch, number: int, tolerance_A: float, speed_noise: 
         last - first < DynoLimits.MIN_SAMPLES,
         period * bandwidth_Hz < DynoLimits.MIN_BANDWIDTH_RATIO,
         ~np.isfinite(forces[MEASURED]).all(axis=1),
-        np.minimum(speed.max(axis=1, initial=0.0), -speed.min(axis=1, initial=0.0)) < 10.0 * speed_noise,
+        np.minimum(speed.max(axis=1, initial=0.0), -speed.min(axis=1, initial=0.0)) < DynoLimits.MIN_PEAK * speed_noise,
     ]
     failed, total = np.stack(checks), np.concatenate([[0.0], np.cumsum(stretch.current)])
     a, b = first.astype(int), np.minimum(np.ceil(last).astype(int) + 1, len(stretch.current))
@@ -100,7 +100,7 @@ def find_reversals(stretch: Stretch, noise_m: float) -> tuple[I, I]:
     """Return the samples at full rebound (c + 1,) and full compression (c,) between them, for c cycles."""
     x = stretch.position
     low, high = np.percentile(x, (1.0, 99.0))
-    least = max(DynoLimits.MIN_PROMINENCE * float(high - low), DynoLimits.NOISE_PROMINENCE * noise_m, 1e-12)
+    least = max(DynoLimits.MIN_PROMINENCE * float(high - low), DynoLimits.BEYOND_NOISE * noise_m, 1e-12)
     tops, bottoms = find_peaks(x, prominence=least)[0], find_peaks(-x, prominence=least)[0]
     turns = np.concatenate([tops, bottoms])
     kinds = np.concatenate([np.ones(len(tops), np.int64), -np.ones(len(bottoms), np.int64)])

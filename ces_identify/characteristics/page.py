@@ -31,7 +31,7 @@ from ces_identify.characteristics.rows import (
     RecordingFacts,
     ValveResponse,
 )
-from ces_identify.limits import StepLimits
+from ces_identify.limits import DynoLimits
 from ces_observer.json_text import write_atomically
 from ces_report.drawing import span_of
 from ces_report.figure import CURVES, PlotMark
@@ -305,7 +305,7 @@ def response_charts(results: Characteristics) -> Iterator[Plot]:
     """Yield the mean normalised response to steps in each direction of motion with steps."""
     for direction in DIRECTIONS:
         marks: list[PlotMark] = []
-        enough = [row for row in results.response_points if row.steps >= StepLimits.MIN_STEPS]
+        enough = [row for row in results.response_points if row.steps >= DynoLimits.MIN_REPEATS]
         rows = [row for row in enough if row.direction == direction]
         for n, key in enumerate(dict.fromkeys((round(r.from_A, 6), round(r.to_A, 6), r.source) for r in rows)):
             points = [r for r in rows if (round(r.from_A, 6), round(r.to_A, 6), r.source) == key]

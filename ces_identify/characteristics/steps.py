@@ -22,7 +22,7 @@ from ces_data.arrays import F
 from ces_identify.characteristics.cycles import COMPRESSION, REBOUND, group_values
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch
 from ces_identify.characteristics.rows import ResponsePoint, StepResponse, ValveResponse
-from ces_identify.limits import ErrorLimits, StepLimits
+from ces_identify.limits import DynoLimits, ErrorLimits, StepLimits, TickLimits
 
 TRACE_S = np.round(np.arange(-0.020, 0.1001, 0.0005), 4)  # [s] from the step, where the mean response is shown
 NOT_SEEN = "no force from this source around the step"
@@ -91,8 +91,8 @@ def time_step(stretch: Stretch, step: CurrentStep, force: F, noise_N: float) -> 
     changed = np.flatnonzero(np.abs(stretch.current[later:end] - step.to_A) > 0.5 * abs(step.to_A - step.from_A))
     stop = end if not len(changed) else later + int(changed[0])
     stop = stop if close.all() else min(stop, a + int(np.argmin(close)))
-    if stop - step.at < StepLimits.MIN_AFTER_S * rate:
-        before_s, after_s = StepLimits.BEFORE_S, StepLimits.MIN_AFTER_S
+    if stop - step.at < StepLimits.PLATEAU_S * rate:
+        before_s, after_s = StepLimits.BEFORE_S, StepLimits.PLATEAU_S
         return f"the speed is not constant (within 10 %) from {before_s:g} s before to {after_s:g} s after the step"
     y, t = force[a:stop], stretch.time_s[a:stop] - step.time_s
     if not np.isfinite(y).all():
@@ -150,7 +150,7 @@ def _locate_step(stretch: Stretch, at: int) -> tuple[float, float]:
     if index < 1:
         return now - grid, grid
     interval = float(logged[index] - logged[index - 1])
-    if interval > StepLimits.SPARSE_S:
+    if interval > TickLimits.MIN_GAP_S:
         return float(logged[index]), grid
     return float(logged[index]) - 0.5 * interval, 0.5 * interval
 
@@ -189,7 +189,7 @@ def average_steps(group: Sequence[ReadStep]) -> tuple[ValveResponse, list[Respon
     def average(name: str) -> float:
         return float(np.mean([getattr(step.row, name) for step in group]))
 
-    doubt, few = average("time_doubt_s"), len(group) < StepLimits.MIN_STEPS
+    doubt, few = average("time_doubt_s"), len(group) < DynoLimits.MIN_REPEATS
     key: dict[str, Any] = {"source": group[0].row.source, "direction": group[0].row.direction}
     key |= {"from_A": average("from_A"), "to_A": average("to_A"), "steps": len(group)}
     times: dict[str, Any] = {name: average(name) for name in TIMES}
@@ -200,7 +200,7 @@ def average_steps(group: Sequence[ReadStep]) -> tuple[ValveResponse, list[Respon
         speed_m_s=average("speed_m_s"),
         force_change_N=average("after_N") - average("before_N"),
         **times,
-        note=f"fewer than {StepLimits.MIN_STEPS} steps: no interval" if few else "",
+        note=f"fewer than {DynoLimits.MIN_REPEATS} steps: no interval" if few else "",
     )
     points = []
     for time, shares in zip(TRACE_S, np.stack([s.trace for s in group if s.trace is not None], axis=1), strict=True):
@@ -212,7 +212,7 @@ def average_steps(group: Sequence[ReadStep]) -> tuple[ValveResponse, list[Respon
 
 def _half_interval(group: Sequence[ReadStep], name: str, doubt_s: float) -> float:
     """Return half the 95 % interval of the mean [s], widened by a doubt that steps may share; NaN for few steps."""
-    if len(group) < StepLimits.MIN_STEPS:
+    if len(group) < DynoLimits.MIN_REPEATS:
         return np.nan
     values = np.array([getattr(step.row, name) for step in group])
     reach = student.ppf(0.5 + ErrorLimits.LEVEL / 2, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))

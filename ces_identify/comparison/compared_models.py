@@ -123,7 +123,7 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
         raise RecordingError(f"{recording.name}: no measured force to compare with; describe it in the signals file")
     position = recording.channel("position")
     stamps, n = position.stamps_ns, len(position.stamps_ns)
-    measured, time_s = force_at(recording, stamps, ComparisonLimits.MAX_GAP_S), (stamps - stamps[0]) * 1e-9
+    measured, time_s = force_at(recording, stamps, TickLimits.MIN_GAP_S), (stamps - stamps[0]) * 1e-9
     runs = [_run(model, recording, measured) for model in models]
     forces, diverged = np.stack([force for force, _, _ in runs]), tuple(lost for _, _, lost in runs)
     counted = np.isfinite(measured) & np.isfinite(position.values) & _past_warm_up(time_s)
@@ -171,7 +171,7 @@ def _run(model: ComparedModel, recording: Recording, measured: F) -> tuple[F, Sa
 
 def _past_warm_up(time_s: F) -> Mask:
     """Return where the last start or gap is at least WARM_UP_S ago."""
-    starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > ComparisonLimits.MAX_GAP_S)
+    starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > TickLimits.MIN_GAP_S)
     began = time_s[starts[np.searchsorted(starts, np.arange(len(time_s)), side="right") - 1]]
     return np.asarray(time_s - began >= ComparisonLimits.WARM_UP_S)
 

@@ -29,14 +29,13 @@ from ces_identify.comparison.compared_models import (
     pooled_costs,
 )
 from ces_identify.limits import ComparisonLimits
-from ces_identify.validation.cost_table import NONE, percent
+from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
 from ces_report.plot import series_css
 from ces_report.table import Column, Table
 from ces_report.typesetting import join_with, minus
 
-MAX_MODELS = 40
 MAX_NAMES = 3  # of other models in a sentence
 LOWEST, TOO_SHORT = "lowest", "too short"
 MAX_DRAWN = 8  # models in charts, which have so many colours
@@ -186,8 +185,8 @@ def compare(
 
     Raises CesError for fewer than two models, equal names, or recordings without a force.
     """
-    if not 2 <= len(models) <= MAX_MODELS:
-        raise CesError(f"{len(models)} models to compare; expected 2 to {MAX_MODELS}")
+    if not 2 <= len(models) <= ComparisonLimits.MAX_MODELS:
+        raise CesError(f"{len(models)} models to compare; expected 2 to {ComparisonLimits.MAX_MODELS}")
     names = [model.name for model in models]
     if len(set(names)) < len(names):
         raise CesError(f"two models are named '{max(names, key=names.count)}'; give each a name of its own")
@@ -371,7 +370,7 @@ def model_table(comparison: Comparison) -> Table[int]:
             lambda i: percent(models[i].pooled),
             figure=True,
             short="J %",
-            small=lambda i: cost_interval(models[i].pooled_interval),
+            small=lambda i: interval_text(models[i].pooled_interval),
         ),
         Column("Above the lowest [%]", above, figure=True, short="above the lowest", small=above_interval),
         Column("Bound of the force [kN]", lambda i: models[i].bound_kN, figure=True, short="bound kN"),
@@ -379,11 +378,6 @@ def model_table(comparison: Comparison) -> Table[int]:
     ]
     title = f"cost J over {join_with(tests)}" if tests else "cost J over all (not a test)"
     return Table(columns, comparison.by_cost, title)
-
-
-def cost_interval(interval: CostInterval | None) -> str:
-    """Return the interval of a cost as text."""
-    return TOO_SHORT if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"
 
 
 def swatch(comparison: Comparison, i: int) -> Markup:

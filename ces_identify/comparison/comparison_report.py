@@ -18,7 +18,6 @@ from ces_identify.comparison.compared_models import TRAINED, AlignedRecording, D
 from ces_identify.comparison.comparison import (
     Comparison,
     RecordingCost,
-    cost_interval,
     describe_difference,
     describe_interval,
     format_signed,
@@ -26,8 +25,8 @@ from ces_identify.comparison.comparison import (
     model_table,
     swatch,
 )
-from ces_identify.limits import ComparisonLimits
-from ces_identify.validation.cost_table import NONE, percent
+from ces_identify.limits import TickLimits
+from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, find_working_windows
 from ces_observer.json_text import write_atomically
 from ces_report.plot import IntervalRow, Plot, PlotArea, PlotLine, draw_intervals, draw_plot, series_css, share_points
@@ -57,7 +56,7 @@ def recording_table(comparison: Comparison) -> Table[tuple[int, int]]:
         Column("Model", lambda row: models[row[1]].name, short="model"),
         Column("Use", of_cost(lambda cost: cost.use), short="use"),
         Column("J [%]", of_cost(lambda cost: percent(cost.cost)), figure=True, short="J %"),
-        Column("95 % interval [%]", of_cost(lambda cost: cost_interval(cost.interval)), figure=True, short="95 %"),
+        Column("95 % interval [%]", of_cost(lambda cost: interval_text(cost.interval)), figure=True, short="95 %"),
         Column(
             "RMS error [N]",
             of_cost(lambda c: f"{c.rms_N:.1f}" if math.isfinite(c.rms_N) else NONE),
@@ -276,7 +275,7 @@ def choose_window(recording: AlignedRecording) -> tuple[int, int]:
 
 
 def _time_plot(recording: AlignedRecording, names: list[str], number: int, view: tuple[float, float]) -> Plot:
-    t, breaks = recording.time_s, np.diff(recording.time_s, prepend=recording.time_s[0]) > ComparisonLimits.MAX_GAP_S
+    t, breaks = recording.time_s, np.diff(recording.time_s, prepend=recording.time_s[0]) > TickLimits.MIN_GAP_S
     forces, errors = [PlotLine("measured", t, recording.measured, "measured reference", breaks)], []
     for i, (name, force) in enumerate(zip(names, recording.forces, strict=True)):
         error = np.where(recording.scored, recording.measured - force, np.nan)

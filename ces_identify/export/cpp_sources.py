@@ -22,11 +22,12 @@ from ces_identify.export.c_printer import Core, read_core
 from ces_observer import damper_observer, reasons
 from ces_observer.core import SEEDS, tick_digest
 from ces_observer.errors import CesError, ModelError
-from ces_observer.health import arrivals
+from ces_observer.health import arrivals, diagnostics
+from ces_observer.limits import ClockLimits, HealthLimits, NumberLimits
 from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, signal_options, type_name
 from ces_observer.options import Option
-from ces_observer.signals import DEFAULTS, LARGEST, MOTIONS, NUMBERS
-from ces_observer.tick.selftest import rounding_sample
+from ces_observer.signals import DEFAULTS, MOTIONS, NUMBERS
+from ces_observer.tick.run import rounding_sample
 
 TYPES = {"integer": "int", "integer_array": "int_array"}  # by ROS's name, where the library has another
 PYTHON_ONLY = ("force", "snapshot_after_s", "compare_force", "cost_warn_J", "cost_window_s")
@@ -64,8 +65,36 @@ constexpr std::array<const char *, {count}> REASON_TEXTS{{
 
 constexpr const char * text_of(Reason reason) {{return REASON_TEXTS[reason];}}
 
+constexpr Reason ERRORS[] = {{{errors}}};  // others are warnings
+
+// A value of /diagnostics: its key, with {{}} for a name, and the form of its value.
+struct Figure
+{{
+  const char * key, * form;
+}};
+
+namespace figures
+{{
+{figures}
+}}  // namespace figures
+
+namespace remarks
+{{
+{remarks}
+}}  // namespace remarks
+
+namespace limits
+{{
+{limits}
+}}  // namespace limits
+
 }}  // namespace ces
 """
+LIMITS = (
+    ("OUTSIDE", HealthLimits.OUTSIDE),
+    ("DROPPED", HealthLimits.DROPPED),
+    ("AHEAD_S", ClockLimits.AHEAD_S),
+)
 
 
 def write_sources(folder: Path) -> None:
@@ -122,15 +151,28 @@ def parameter_library(name: str, options: Iterable[Option]) -> str:
 def reason_header() -> str:
     """Return from_python.hpp."""
     names = {text: name for name, text in vars(reasons).items() if isinstance(text, str) and name.isupper()}
+    names |= {getattr(damper_observer, name): name for name in NODE_REASONS}
     texts = [*reasons.REASONS, *(getattr(damper_observer, name) for name in NODE_REASONS)]
     return WORDS.format(
         digest=tick_digest(),
         rounded=", ".join(rounding_sample(seed).hex() for seed in SEEDS),
-        largest=LARGEST,
+        largest=NumberLimits.MAX_COEFFICIENT,
         others=", ".join(f'"{name}"' for name in PYTHON_ONLY),
         names=", ".join([*(names[text] for text in reasons.REASONS), *NODE_REASONS]),
         count=len(texts),
         texts=",\n  ".join(f'"{_literal(text)}"' for text in texts),
+        errors=", ".join(f"Reason::{names[text]}" for text in diagnostics.ERRORS),
+        figures="\n".join(
+            f'constexpr Figure {name}{{"{_literal(figure.key)}", "{_literal(figure.form)}"}};'
+            for name, figure in vars(diagnostics.Figures).items()
+            if isinstance(figure, diagnostics.Figure)
+        ),
+        remarks="\n".join(
+            f'constexpr const char * {name} = "{_literal(text)}";'
+            for name, text in vars(diagnostics.Remarks).items()
+            if name.isupper()
+        ),
+        limits="\n".join(f"constexpr double {name} = {value!r};" for name, value in LIMITS),
     )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numba.core import event
 
 from ces_data.arrays import F, I
-from ces_observer.structures.terms import MAX_TERMS
+from ces_observer.limits import FileLimits
 
 GAUSS_NEWTON, THESIS = "gauss-newton", "thesis"
 DEFAULT_TERMS = 25
@@ -64,7 +64,7 @@ class Limits:
     @property
     def term_limit(self) -> int:
         """Maximum number of terms: by default DEFAULT_TERMS, for the thesis' procedure what a model file can hold."""
-        return self.terms or (MAX_TERMS if self.method == THESIS else DEFAULT_TERMS)
+        return self.terms or (FileLimits.MAX_TERMS if self.method == THESIS else DEFAULT_TERMS)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,8 @@ from ces_identify.physical.layout import (
     positive_group,
 )
 from ces_identify.training import Training
-from ces_observer.structures.curves import MIN_OPENING, Bypass, FlowMap, IncreasingCurve
+from ces_observer.limits import NumberLimits
+from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
 from ces_observer.structures.hydraulic import NEVER_S, Hydraulic
 from ces_observer.structures.physical import LONG_TICK, FrictionElement, SideForces, ValvePath
 from ces_observer.structures.structure import OperatingRange
@@ -163,7 +164,7 @@ class HydraulicModels:
         friction = zip(values["friction"], values["friction_yield"], values["friction_moved"], strict=True)
         path = (number[name] for name in ("delay_ticks", "hysteresis_A", "rise_s", "fall_s"))
         numbers: dict[str, Any] = {f.name: number[f.name] for f in fields(Hydraulic) if f.name in number}
-        opening = as_floats(np.maximum(values["bypass"], MIN_OPENING))
+        opening = as_floats(np.maximum(values["bypass"], NumberLimits.MIN_OPENING))
         return Hydraulic(
             kind=self.kind,
             valve=ValvePath(IncreasingCurve(as_floats(s.currents_A), as_floats(values["setting"])), *path),

@@ -14,14 +14,14 @@ from typing import ClassVar, Self
 
 from ces_observer.errors import CesError
 from ces_observer.fields import Schema
+from ces_observer.limits import FileLimits
 from ces_observer.records import bounded, part
 from ces_observer.structures.constructed_inputs import (
     ConstructedInput,
     Lag,
     TriangularMembership,
 )
-from ces_observer.structures.structure import MAX_LAG
-from ces_observer.structures.terms import MAX_POWER, Factor, Term
+from ces_observer.structures.terms import Factor, Term
 
 FORMS = {"signed": True, "magnitude": False}
 MAX_CANDIDATES = 6000
@@ -40,9 +40,11 @@ class SignalRule:
     a product that names it again; without it, that factor has the same rule and another lag.
     """
 
-    lags: tuple[int, ...] = part(default=(), meaning="at the model's rate", low=0, high=MAX_LAG, unit="ticks")
+    lags: tuple[int, ...] = part(
+        default=(), meaning="at the model's rate", low=0, high=FileLimits.MAX_LAG, unit="ticks"
+    )
     lags_ms: tuple[float, ...] = part(default=(), meaning="instead of lags", low=0.0, high=MAX_LAG_MS, unit="ms")
-    powers: tuple[float, ...] = bounded(0.0, MAX_POWER, default=(1.0,))
+    powers: tuple[float, ...] = bounded(0.0, FileLimits.MAX_POWER, default=(1.0,))
     forms: tuple[str, ...] = part(default=("signed",), choices=tuple(FORMS), min_count=1)
     again: SignalRule | None = part(default=None, rules={"$ref": "#/definitions/rule"})
     schema_rules: ClassVar[Schema] = {"oneOf": [{"required": ["lags"]}, {"required": ["lags_ms"]}]}
@@ -61,7 +63,7 @@ class SignalRule:
 
     def at_rate(self, rate_Hz: float) -> SignalRule:
         """Return the rule with its lags in ticks of that rate, without repetitions."""
-        ticks = (min(MAX_LAG, round(lag * 1e-3 * rate_Hz)) for lag in self.lags_ms)
+        ticks = (min(FileLimits.MAX_LAG, round(lag * 1e-3 * rate_Hz)) for lag in self.lags_ms)
         again = self.again and self.again.at_rate(rate_Hz)
         return replace(self, lags=self.lags or tuple(dict.fromkeys(ticks)), lags_ms=(), again=again)
 

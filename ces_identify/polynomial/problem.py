@@ -21,7 +21,7 @@ from ces_identify.numerics.kernels import TermArrays
 from ces_identify.prepare.cost import EQUAL, Weighting, require_force
 from ces_identify.prepare.series import Series
 from ces_observer.errors import RecordingError
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, TriangularMembership, lay_out_constructed
 from ces_observer.structures.structure import Range
@@ -47,7 +47,7 @@ def signal_values(
     `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. In `constructed`,
     each follows those from which it is computed; outside `segments` they are zero.
     """
-    layout = Layout(0, 0, len(BASE), 0)
+    layout = ArrayLayout(0, 0, len(BASE), 0)
     table, places = lay_out_constructed(layout, constructed, rate_Hz, 0)
     arrays = layout.arrays()
     p, n, s = np.array(arrays.p), np.array(arrays.n, np.int64), np.array(arrays.s)

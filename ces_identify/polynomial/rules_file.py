@@ -23,6 +23,7 @@ from ces_identify.polynomial.candidate_rules import (
 )
 from ces_observer.errors import CesError, ModelError
 from ces_observer.fields import Field, Schema, require_known_keys
+from ces_observer.limits import FileLimits
 from ces_observer.records import OneOf, Record, bounded, part, read_record, record_schema
 from ces_observer.structures.constructed_inputs import (
     BASE,
@@ -32,8 +33,7 @@ from ces_observer.structures.constructed_inputs import (
     TriangularMembership,
     make_memberships,
 )
-from ces_observer.structures.structure import MAX_LAG
-from ces_observer.structures.terms import MAX_FACTORS, MAX_POWER, MAX_TERMS, Factor, Term
+from ces_observer.structures.terms import Factor, Term
 
 EXPECTED = f"candidate rules: {', '.join(SIGNALS)} and products"
 MEMBERSHIPS = "hats"
@@ -48,8 +48,8 @@ class InitialFactor:
     """A factor of a term to start from; a past force and a membership have neither power nor form."""
 
     signal: str = part()
-    lag: int = bounded(0, MAX_LAG, default=0)
-    power: float = bounded(0.0, MAX_POWER, default=1.0)
+    lag: int = bounded(0, FileLimits.MAX_LAG, default=0)
+    power: float = bounded(0.0, FileLimits.MAX_POWER, default=1.0)
     form: str = part(default="signed", choices=tuple(FORMS))
 
     def checked(self) -> Self:
@@ -80,16 +80,16 @@ class Memberships:
 RULE_KINDS = {**{name: cls for name, cls in KINDS.items() if name != "hat"}, MEMBERSHIPS: Memberships}
 CONSTRUCTED = Field(kind=OneOf(RULE_KINDS))
 PRODUCTS = Field(
-    kind=Field(many=True, max_count=MAX_FACTORS), many=True, min_count=1, form="a list of lists of signals",
+    kind=Field(many=True, max_count=FileLimits.MAX_FACTORS), many=True, min_count=1, form="a list of lists of signals",
     meaning="signals whose factors are multiplied in a term",
 )  # fmt: skip
 FACTOR = Field(kind=Record(InitialFactor), form="a factor such as {signal: speed, lag: 3, power: 0.4}")
 INITIAL = Field(
     meaning="terms to start from with --method thesis",
-    kind=Field(kind=FACTOR, many=True, max_count=MAX_FACTORS),
+    kind=Field(kind=FACTOR, many=True, max_count=FileLimits.MAX_FACTORS),
     many=True,
     min_count=1,
-    max_count=MAX_TERMS,
+    max_count=FileLimits.MAX_TERMS,
 )
 
 

@@ -23,7 +23,8 @@ from ces_identify.limits import SamplingLimits, TickLimits
 from ces_identify.prepare.series import Tracked, select_samples, track, usable_samples
 from ces_observer.bank_design import ACCELERATION, SPEED
 from ces_observer.errors import OptionName, RecordingError
-from ces_observer.model import FREQUENCIES_HZ, MAX_DELAY_S, Sampling
+from ces_observer.limits import FileLimits
+from ces_observer.model import FREQUENCIES_HZ, Sampling
 
 WINDOW_S = 4.0  # [s] of a Welch segment
 MIN_NOISE = 1e-6  # of the RMS speed in a tick: the noise of positions without any
@@ -198,14 +199,14 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def require_delay(delay_s: float, rate_Hz: float) -> float:
-    """Return the delay; raises RecordingError unless it is a whole number of ticks up to MAX_DELAY_S."""
+    """Return the delay; raises RecordingError unless it is a whole number of ticks up to FileLimits.MAX_DELAY_S."""
     ticks = delay_s * rate_Hz
-    if not (0.0 <= delay_s <= MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
+    if not (0.0 <= delay_s <= FileLimits.MAX_DELAY_S and abs(ticks - round(ticks)) <= SamplingLimits.DELAY_SLACK):
         near = round(ticks) if np.isfinite(ticks) else 1
         raise RecordingError(
             OptionName("delay", delay_s),
             f": expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) from 0 to "
-            f"{MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, MAX_DELAY_S):g}",
+            f"{FileLimits.MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, FileLimits.MAX_DELAY_S):g}",
         )
     return round(ticks) / rate_Hz
 

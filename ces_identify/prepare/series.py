@@ -21,7 +21,7 @@ from ces_identify.limits import TickLimits
 from ces_identify.numerics.core import compile_tick, core_kernel, pointer
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
-from ces_observer.sampling_layout import layout_of
+from ces_observer.estimator import layout_of
 from ces_observer.structures.structure import Range
 from ces_observer.tick import tracker
 from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TOTAL

@@ -27,10 +27,10 @@ from ces_identify.report.figures import (
 from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
+from ces_identify.validation.cost_table import cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
     VALIDATION,
-    CostInterval,
     Evaluation,
     describe_size,
     explain_missing,
@@ -88,11 +88,17 @@ def write_report(
         warnings=_format_warnings(ordered),
         facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **facts},
         model=model,
-        rows=_cost_rows(ordered, weighting),
+        costs=cost_table(
+            ordered,
+            weighting=weighting,
+            anchors={(ordered[i].name, ordered[i].role): f"recording-{i}" for i in reversed(drawn)},
+        ),
         weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
-        pooled=_pooled_row(held_out),
+        pooled=pool_evaluations(held_out) if all(math.isfinite(e.cost) for e in held_out) else None,
+        interval=interval_text,
+        bad=lambda e: "" if math.isfinite(e.cost) else "bad",
         structures=text_table(
             ("Structure", "J on data left out [%]"), [(name, three_figures(cost)) for name, cost in structures.items()]
         ),
@@ -170,62 +176,12 @@ def _format_warnings(evaluations: Sequence[Evaluation]) -> list[str]:
     return [*texts, minus(f"{many} {max(outside, key=lambda e: e.clamped_share).outside_text}.")]
 
 
-def _cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting) -> list[dict[str, Any]]:
-    """Return the rows of the cost table with texts that are ready to show.
-
-    `bar` is the length of the row's bar [%], `whisker` the start and length of the interval on the same scale.
-    """
-    highest = [e.interval.high for e in evaluations if e.interval is not None]
-    scale = 100.0 / max([e.cost for e in evaluations if math.isfinite(e.cost)] + highest + [1e-9])
-    return [{"number": i, **_cost_row(e, scale, weighting)} for i, e in enumerate(evaluations)]
-
-
-def _cost_row(e: Evaluation, scale: float, weighting: Weighting) -> dict[str, Any]:
-    finite, interval, gaps = math.isfinite(e.cost), e.interval, len(e.series.segments) - 1
-    reasons = {**e.series.dropped, "gaps": gaps}
-    return {
-        "name": e.name,
-        "role": e.role,
-        "span": f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}",
-        "duration": f"{e.scored_s:.1f}",
-        "cost": three_figures(e.cost),
-        "bar": scale * e.cost if finite else 100.0,
-        "diverged": not finite,
-        "rms": three_figures(e.rms_N),
-        "outside": three_figures(100.0 * e.outside_share) if e.outside_share else "0",
-        "coverage": "" if e.coverage is None else three_figures(100.0 * e.coverage),
-        "dropped": f"{sum(e.series.dropped.values())} / {gaps}",
-        "reasons": ", ".join(f"{reason}: {n}" for reason, n in reasons.items() if n),
-        "interval": _format_interval(interval),
-        "whisker": (scale * interval.low, scale * (interval.high - interval.low)) if interval else None,
-        "floor": "" if e.floor is None else three_figures(e.floor),
-        "weighted": three_figures(e.weighted_cost(weighting)) if weighting else "",
-    }
-
-
-def _pooled_row(held_out: Sequence[Evaluation]) -> dict[str, Any] | None:
-    """Return the row of all validation recordings together; None for fewer than two, or if one diverged."""
-    pooled = pool_evaluations(held_out) if all(math.isfinite(e.cost) for e in held_out) else None
-    if pooled is None:
-        return None
-    return {
-        "number": pooled.number,
-        "duration": f"{pooled.scored_s:.1f}",
-        "cost": three_figures(pooled.cost),
-        "interval": _format_interval(pooled.interval),
-    }
-
-
-def _format_interval(interval: CostInterval | None) -> str:
-    if interval is None:
-        return "\N{EN DASH}"
-    return f"{three_figures(interval.low)} to {three_figures(interval.high)}"
-
-
 def _draw_recording(number: int, evaluation: Evaluation, model: Model, max_points: int) -> dict[str, Any]:
     window, tests = choose_window(evaluation), residual_tests(evaluation)
     return {
         "number": number,
+        "evaluation": evaluation,
+        "cost": percent(evaluation.cost),
         "correlations": correlation_figure(f"rc{number}", tests, evaluation.name) if tests else None,
         "verdicts": verdicts(tests) if tests else (),
         "window": window,

@@ -18,8 +18,9 @@ import numpy as np
 
 from ces_identify.physical.laws import EASY, SHUT, STARTS
 from ces_identify.prepare.series import changes
+from ces_observer.limits import NumberLimits
 from ces_observer.model import Model
-from ces_observer.structures.curves import MIN_OPENING, Bypass, FlowMap
+from ces_observer.structures.curves import Bypass, FlowMap
 from ces_observer.structures.hydraulic import EDGES, Hydraulic
 from ces_observer.structures.physical import FrictionElement, SideForces
 
@@ -145,7 +146,7 @@ def _add_leak(bypass: Bypass | None, leak: float, position_m: tuple[float, float
     """Return a bypass that is open by `leak` [m/s/√N] over the whole stroke, beside the one that there is."""
     if leak <= 0.0:
         return bypass
-    own = bypass or Bypass(position_m, (MIN_OPENING, MIN_OPENING))
+    own = bypass or Bypass(position_m, (NumberLimits.MIN_OPENING, NumberLimits.MIN_OPENING))
     return Bypass(own.position_m, tuple(opening + leak for opening in own.values))
 
 

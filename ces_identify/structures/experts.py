@@ -16,6 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ces_observer.limits import FileLimits
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
 from ces_identify.numerics.least_squares import NormalEquations, Penalty, check_error_first, improve, pull_towards
@@ -35,7 +36,7 @@ from ces_identify.training import (
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.proof.certificate import largest_gain
-from ces_observer.structures.experts import MAX_EXPERTS, Expert, Experts
+from ces_observer.structures.experts import Expert, Experts
 from ces_observer.structures.lagged_signals import longest_lags
 from ces_observer.tick.experts import (
     EXPERTS_COUNT, EXPERTS_GAINS, EXPERTS_LAYER, EXPERTS_OUTPUTS, EXPERTS_SCALE, experts_force,
@@ -276,8 +277,8 @@ def experts_table(body: Experts, model: Model, runs: Sequence[SimulatedSeries], 
 
 
 COUNT = Option(
-    "experts", "6", "number of gated experts", form=f"1 to {MAX_EXPERTS}",
-    check_text=check_whole(1, MAX_EXPERTS), metavar="N",
+    "experts", "6", "number of gated experts", form=f"1 to {FileLimits.MAX_ITEMS}",
+    check_text=check_whole(1, FileLimits.MAX_ITEMS), metavar="N",
 )  # fmt: skip
 EXPERTS = StructureKit(
     about="gated experts that forget",

@@ -201,7 +201,7 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
         term, cells = polynomial.terms[t], ("\N{EN DASH}", "\N{EN DASH}")
         if whole > 0.0:
             part, share = float(parts[t]), 100.0 * float(parts[t]) / whole
-            cells = three_figures(part), BAR.format(three_figures(share), min(share, 100.0))
+            cells = three_figures(part), BAR.format(three_figures(share), min(share, 100.0), "")
         name, coefficient = format_term(term, model.envelope), minus(f"{term.coefficient:.5g}")
         rows.append((name, coefficient, coefficient_unit(term), *cells))
     equation = Markup("<var>F</var>(<var>k</var>) = Σ coefficient · regressor")

@@ -48,7 +48,7 @@ def parts_and_growth(band: Band, other: Band, series: Series, force: F) -> tuple
 
 def run_bands(bands: Sequence[Band], series: Series, force: F) -> tuple[F, F]:
     """Return half-widths (bands, ticks) [N] around a free run `force` (ticks,) [N], and the state (5, ticks)."""
-    layouts = [flat.Layout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE) for _ in bands]
+    layouts = [flat.ArrayLayout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE) for _ in bands]
     for band, layout in zip(bands, layouts, strict=True):
         band.fill(layout, series.rate_Hz)
     inputs = np.vstack([series.inputs, force])

@@ -7,11 +7,12 @@ teacher, teacher against measurement, and model against measurement.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from ces_data.arrays import F, Mask
 from ces_data.recording import Recording
@@ -21,7 +22,7 @@ from ces_identify.prepare.cost import EQUAL, Weighting, cost
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, CostInterval, Evaluation
 from ces_observer.model import Model
-from ces_report.table import Column, Table
+from ces_report.table import BAR, Column, Table
 
 NONE = "\N{EN DASH}"
 RULE = (
@@ -32,40 +33,69 @@ RULE = (
 
 
 def cost_table(
-    evaluations: Sequence[Evaluation], title: str = "", weighting: Weighting = EQUAL, exact: bool = True
+    evaluations: Sequence[Evaluation],
+    title: str = "",
+    weighting: Weighting = EQUAL,
+    exact: bool = True,
+    anchors: Mapping[tuple[str, str], str] | None = None,
 ) -> Table[Evaluation]:
-    """Return a table with a row for each evaluation.
+    """Return a table with a row for each evaluation; on a page, names (of a role) are links to their `anchors`.
 
     Columns: use of the scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the weighted
     J if there are weights, the RMS error, the share of ticks outside the envelope, and that of measured forces inside
     the band, if the model has one. With `exact` the evaluations are those of the identification itself, whose seconds
     of estimation and selection are known.
     """
+    ends = [e.interval.high if e.interval else e.cost for e in evaluations if math.isfinite(e.cost)]
+    scale = 100.0 / max([*ends, 1e-9])
 
-    def weighted(e: Evaluation) -> str:
-        value = e.weighted_cost(weighting)
-        return NONE if math.isnan(value) else percent(value)
+    def link(e: Evaluation) -> Markup:
+        anchor = (anchors or {}).get((e.name, e.role))
+        return Markup('<a href="#{}">{}</a>').format(anchor, e.name) if anchor else Markup("{}").format(e.name)
 
-    def coverage(e: Evaluation) -> str:
-        return NONE if e.coverage is None else f"{100 * e.coverage:.1f}"
+    def role(e: Evaluation) -> Markup:
+        return Markup('<span class="role {}">{}</span>').format(e.role, e.role)
 
-    def rms(e: Evaluation) -> str:
-        return NONE if not math.isfinite(e.rms_N) else f"{e.rms_N:.1f}" if e.rms_N < 1e4 else f"{e.rms_N:.0f}"
+    def bar(e: Evaluation) -> Markup:
+        whisker = Markup('<span class="whisker" style="left:{:.1f}%;width:{:.1f}%"></span>')
+        ends = e.interval and whisker.format(scale * e.interval.low, scale * (e.interval.high - e.interval.low))
+        return BAR.format(percent(e.cost), min(scale * e.cost, 100.0), ends or "")
 
+    def span(e: Evaluation) -> str:
+        return f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}"
+
+    def dropped(e: Evaluation) -> str:
+        return f"{sum(e.series.dropped.values())} / {len(e.series.segments) - 1}"
+
+    def reasons(e: Evaluation) -> str:
+        return ", ".join(f"{reason}: {n}" for reason, n in e.series.dropped.items() if n)
+
+    def number(of: Callable[[Evaluation], float | None], form: str) -> Callable[[Evaluation], str]:
+        def text(e: Evaluation) -> str:
+            value = of(e)
+            return NONE if value is None or not math.isfinite(value) else f"{value:{form}}"
+
+        return text
+
+    floors, bands = (any(getattr(e, name) is not None for e in evaluations) for name in ("floor", "coverage"))
     columns: list[Column[Evaluation] | None] = [
-        Column("Recording", lambda e: e.name, short="recording"),
-        Column("Used for", lambda e: _describe_use(e, exact), short="used for"),
-        Column("J [%]", lambda e: percent(e.cost), figure=True, short="J %"),
+        Column("Recording", lambda e: e.name, short="recording", html=link, css="name"),
+        Column("used for", lambda e: _describe_use(e, exact), terminal_only=True),
+        Column("Role", lambda e: e.role, html=role, page_only=True),
+        Column("From–to [s]", span, css="n spare", head_css="n spare", page_only=True),
+        Column("Scored [s]", lambda e: f"{e.scored_s:.1f}", css="n spare", head_css="n spare", page_only=True),
+        Column("J [%]", lambda e: percent(e.cost), figure=True, html=bar, css="j", head_css="j", short="J %"),
         Column("95 % interval [%]", lambda e: interval_text(e.interval), figure=True, short="95 %"),
-        Column("Noise floor [%]", lambda e: NONE if e.floor is None else f"{e.floor:.2f}", figure=True, short="floor")
-        if any(e.floor is not None for e in evaluations)
+        Column("Noise floor [%]", number(lambda e: e.floor, ".2f"), figure=True, short="floor") if floors else None,
+        Column("Weighted J [%]", number(lambda e: e.weighted_cost(weighting), ".2f"), figure=True, short="weighted")
+        if weighting
         else None,
-        Column("Weighted J [%]", weighted, figure=True, short="weighted") if weighting else None,
-        Column("RMS error [N]", rms, figure=True, short="RMS N"),
-        Column("Outside envelope [%]", lambda e: f"{100 * e.outside_share:.1f}", figure=True, short="out %"),
-        Column("Inside band [%]", coverage, figure=True, short="band %")
-        if any(e.coverage is not None for e in evaluations)
+        Column("RMS error [N]", number(lambda e: e.rms_N, ".1f"), figure=True, short="RMS N"),
+        Column("Outside envelope [%]", number(lambda e: 100 * e.outside_share, ".1f"), figure=True, short="out %"),
+        Column("Inside band [%]", number(lambda e: e.coverage and 100 * e.coverage, ".1f"), figure=True, short="band %")
+        if bands
         else None,
+        Column("Dropped / gaps", dropped, figure=True, small=reasons, page_only=True),
     ]
     return Table([column for column in columns if column is not None], evaluations, title)
 
@@ -87,7 +117,7 @@ def percent(cost: float) -> str:
 
 def interval_text(interval: CostInterval | None) -> str:
     """Return an interval as text, a dash if there is none."""
-    return NONE if interval is None else f"{interval.low:.2f}-{interval.high:.2f}"
+    return NONE if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"
 
 
 def _describe_use(e: Evaluation, exact: bool) -> str:

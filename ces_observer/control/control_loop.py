@@ -7,7 +7,7 @@ from copy import deepcopy
 from math import inf, isfinite, nan
 
 from ces_observer.control.force_controller import NO_ESTIMATE, NOT_FINITE, OK, STALE, ControllerCounts, ForceController
-from ces_observer.health.health import (
+from ces_observer.health.diagnostics import (
     ACTIVE,
     INACTIVE_TASK,
     LEVEL_ERROR,
@@ -30,7 +30,7 @@ class ControlLoop:
     """A controller with its feedback, and a watch for estimates that stop or are stale.
 
     `feedback` is one of FEEDBACKS, `max_age_s` the largest difference between an estimate's stamp and the node's clock,
-    in either direction (0: any). Estimates have stopped after `controller.tuning.max_gap_s` of steady time.
+    in either direction (0: any). Estimates have stopped after `controller.tuning.timeout_s` of steady time.
     """
 
     def __init__(self, controller: ForceController, feedback: str, max_age_s: float) -> None:
@@ -49,7 +49,7 @@ class ControlLoop:
         self._measured_N, self._measured_s = nan, -inf
 
     def take_measured_force(self, force_N: float, steady_s: float) -> None:
-        """Store a measured force; it is fed back for at most `max_gap_s`."""
+        """Store a measured force; it is fed back for at most `timeout_s`."""
         self._measured_N, self._measured_s = force_N, steady_s
 
     def take_estimate(self, stamp_ns: int, speed_m_s: float, force_N: float, now_ns: int, steady_s: float) -> float:
@@ -63,19 +63,19 @@ class ControlLoop:
         if not isfinite(force_N):
             return self.controller.fail_safe(NOT_FINITE, elapsed_s)
         if self.feedback != ESTIMATE:
-            fresh = steady_s - self._measured_s <= self.controller.tuning.max_gap_s
+            fresh = steady_s - self._measured_s <= self.controller.tuning.timeout_s
             force_N = self._measured_N if self.feedback == MEASURED and fresh else nan
         return self.controller.step(stamp_ns, speed_m_s, force_N)
 
     def watch(self, steady_s: float, ahead_s: float = 0.0) -> float | None:
         """Return the current [A] to command without an estimate, or None; the next call is `ahead_s` later."""
-        if steady_s - self._last_estimate_s + ahead_s <= self.controller.tuning.max_gap_s:
+        if steady_s - self._last_estimate_s + ahead_s <= self.controller.tuning.timeout_s:
             return None
         return self.controller.fail_safe(NO_ESTIMATE, self._measure_elapsed(steady_s))
 
     def _measure_elapsed(self, steady_s: float) -> float:
-        """Return the time [s] since the last command, at most `max_gap_s`, which limits the step of the command."""
-        elapsed_s = min(steady_s - self._commanded_s, self.controller.tuning.max_gap_s)
+        """Return the time [s] since the last command, at most `timeout_s`, which limits the step of the command."""
+        elapsed_s = min(steady_s - self._commanded_s, self.controller.tuning.timeout_s)
         self._commanded_s = steady_s
         return elapsed_s
 

@@ -10,8 +10,8 @@ from math import exp, isfinite, nan
 
 from ces_observer.control.inverse_map import InverseMap
 from ces_observer.errors import CesError
-
-MAX_POINTS = 1000
+from ces_observer.limits import ClockLimits, InverseLimits, NumberLimits
+from ces_observer.records import quantity
 
 
 class CurveError(CesError):
@@ -31,9 +31,10 @@ class ForceCurve:
 
     def __post_init__(self) -> None:
         speeds, forces = self.speeds_m_s, self.forces_N
-        if len(speeds) != len(forces) or not 2 <= len(speeds) <= MAX_POINTS:
+        if len(speeds) != len(forces) or not 2 <= len(speeds) <= InverseLimits.MAX_POINTS:
             raise CurveError(
-                f"curve: {len(speeds)} speeds and {len(forces)} forces; expected as many of each, 2 to {MAX_POINTS}"
+                f"curve: {len(speeds)} speeds and {len(forces)} forces; expected as many of each, 2 to "
+                f"{InverseLimits.MAX_POINTS}"
             )
         if not all(map(isfinite, (*speeds, *forces))):
             raise CurveError("curve: a speed or force is not finite; give finite numbers in m/s and N")
@@ -92,17 +93,28 @@ class Lead:
 class Tuning:
     """Settings of a ForceController, which explains them; raises CesError for values that cannot be used."""
 
-    low_A: float  # [A] of every command
-    high_A: float  # [A] of every command
-    safe_A: float  # [A] commanded without a usable estimate; within the limits
-    rate_A_s: float = 100.0  # [A/s] fastest change of the command
-    loop_gain_1_s: float = 4.0  # [1/s] of the feedback; 0: feed-forward alone
-    settle_m: float = 0.003  # [m] stroke after a reversal from which the force is fed back
-    valve_lag_s: float = 0.008  # [s] of the force behind the current; 0: no lead
-    preview_s: float = 0.006  # [s] by which the feed-forward predicts the speed; 0: no prediction
-    lead_filter_s: float = 0.003  # [s] of both leads
-    recovery_s: float = 0.2  # [s] of fading in, at the start and after an interruption
-    max_gap_s: float = 0.05  # [s] between stamps; a longer gap is an interruption
+    low_A: float = quantity(0.29, "A", "lowest current to command", 0.0, InverseLimits.MAX_CURRENT_A)
+    high_A: float = quantity(0.70, "A", "highest current to command", 0.0, InverseLimits.MAX_CURRENT_A)
+    safe_A: float = quantity(
+        0.40, "A", "current without a usable estimate, within the limits", 0.0, InverseLimits.MAX_CURRENT_A
+    )
+    rate_A_s: float = quantity(100.0, "A/s", "fastest change of the command", 0.01, 1e6)
+    timeout_s: float = quantity(
+        0.05, "s", "time without estimates after which the safe current is commanded", 0.005, 10.0
+    )
+    loop_gain_1_s: float = quantity(4.0, "1/s", "gain of the feedback; 0: feed-forward alone", 0.0, 100.0)
+    settle_m: float = quantity(0.003, "m", "stroke after a reversal from which the force is fed back", 0.0, 1.0)
+    valve_lag_s: float = quantity(
+        0.008,
+        "s",
+        "lag of the force behind the current that the command's lead compensates; 0: no lead; "
+        "negative: the model's lag minus preview_s",
+        0.0,
+        0.2,
+    )
+    preview_s: float = quantity(0.006, "s", "time by which the feed-forward predicts the speed", 0.0, 0.05)
+    lead_filter_s: float = quantity(0.003, "s", "time constant of the filters of lead and preview", 0.0, 0.1)
+    recovery_s: float = quantity(0.2, "s", "time of fading in after an interruption", 0.0, 60.0)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -114,8 +126,8 @@ class Tuning:
             raise CesError(f"low_A is {self.low_A:g} and high_A {self.high_A:g}; expected the lower limit first")
         if not self.low_A <= self.safe_A <= self.high_A:
             raise CesError(f"safe_A is {self.safe_A:g}; expected it within {self.low_A:g} to {self.high_A:g} A")
-        if self.rate_A_s == 0.0 or self.max_gap_s == 0.0:
-            raise CesError("rate_A_s or max_gap_s is 0; expected numbers above 0")
+        if self.rate_A_s == 0.0 or self.timeout_s == 0.0:
+            raise CesError("rate_A_s or timeout_s is 0; expected numbers above 0")
 
     @staticmethod
     def lead_s(model_lag_s: float, preview_s: float) -> float:
@@ -134,9 +146,6 @@ OK = "ok"
 NO_ESTIMATE = "no estimates arrive"
 STALE = "the estimate is stale"
 NOT_FINITE = "the estimate is not finite"
-JUMP_NS = 1_000_000_000  # a stamp this much before the last one shows that the clock was set back
-FASTEST_M_S = 1e6  # a larger speed is invalid; far from where sums overflow
-LARGEST_N = 1e9  # as of a model's force envelope
 
 
 @dataclass
@@ -197,17 +206,17 @@ class ForceController:
     def step(self, stamp_ns: int, speed_m_s: float, force_N: float) -> float:
         """Return the current [A] for an estimate of this stamp; a force that is not finite is not fed back.
 
-        A stamp that repeats, or runs back by less than JUMP_NS, changes nothing; after a gap longer than `max_gap_s`,
-        or a jump back, the controller restarts.
+        A stamp that repeats, or runs back by less than a jump of the clock, changes nothing; after a gap longer than
+        `timeout_s`, or a jump, the controller restarts.
         """
-        elapsed_ns = -JUMP_NS if self._stamp_ns is None else stamp_ns - self._stamp_ns
-        if -JUMP_NS < elapsed_ns <= 0:
+        elapsed_ns = -ClockLimits.JUMP_NS if self._stamp_ns is None else stamp_ns - self._stamp_ns
+        if -ClockLimits.JUMP_NS < elapsed_ns <= 0:
             return self.command_A
         self._stamp_ns = stamp_ns
         elapsed_s = elapsed_ns * 1e-9 if elapsed_ns > 0 else 0.0
-        if not abs(speed_m_s) < FASTEST_M_S:
-            return self.fail_safe(NOT_FINITE, min(elapsed_s, self.tuning.max_gap_s))
-        if elapsed_s == 0.0 or elapsed_s > self.tuning.max_gap_s:
+        if not abs(speed_m_s) < NumberLimits.MAX_INPUT:
+            return self.fail_safe(NOT_FINITE, min(elapsed_s, self.tuning.timeout_s))
+        if elapsed_s == 0.0 or elapsed_s > self.tuning.timeout_s:
             self._interrupt()
             elapsed_s = 0.0
         self.reason = OK
@@ -257,7 +266,7 @@ class ForceController:
     def _learn(self, speed: float, force: float, elapsed_s: float) -> None:
         """Integrate the error once the force has built up, with anti-windup at the current limits."""
         self._stroke = speed * elapsed_s + (self._stroke if self._stroke * speed > 0.0 else 0.0)
-        if not abs(force) < LARGEST_N:
+        if not abs(force) < NumberLimits.MAX_NUMBER:
             self.count.unfed += 1
             return
         if abs(self._stroke) < self.tuning.settle_m or self._before is not None:

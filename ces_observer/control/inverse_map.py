@@ -11,17 +11,16 @@ from itertools import pairwise
 from math import copysign, isfinite
 
 from ces_observer.errors import CesError, ModelError
+from ces_observer.limits import InverseLimits
 from ces_observer.model import Model
 from ces_observer.records import read_record, write_record
 from ces_observer.structures.structure import Predictor
 
 SPEEDS = 24  # of the grid, on each side of zero; denser towards zero, where the force is steep
 CURRENTS = 17
-SETTLING_S = 0.3  # of constant speed and current before the force is read: ten times a real valve's lag
 STEP_S = 0.1
 RISE = 0.632
 STEP_SPEED_M_S = 0.15  # during a step of current
-MIN_SPEED_M_S = 0.02  # of the grid: below, oil and seals yield before the valve has an effect
 
 
 def compute_inverse_map(model: Model, source: str = "model") -> InverseMap:
@@ -31,7 +30,7 @@ def compute_inverse_map(model: Model, source: str = "model") -> InverseMap:
     """
     slowest, fastest = model.envelope.speed_m_s
     lowest, highest = model.envelope.current_A
-    if not slowest < -MIN_SPEED_M_S < MIN_SPEED_M_S < fastest:
+    if not slowest < -InverseLimits.MIN_SPEED_M_S < InverseLimits.MIN_SPEED_M_S < fastest:
         raise ModelError(f"{source}: speeds from {slowest:g} to {fastest:g} m/s; a controller needs both directions")
     if not lowest < highest:
         raise ModelError(f"{source}: identified at {lowest:g} A only; identify it on recordings of several currents")
@@ -65,7 +64,7 @@ def run_to_steady(model: Model, run: Predictor, speed_m_s: float, current_A: flo
     The model clamps a stroke beyond its envelope, and holds a force beyond its own.
     """
     rate = model.sampling.rate_Hz
-    ticks = round(SETTLING_S * rate)
+    ticks = round(InverseLimits.SETTLING_S * rate)
     middle = 0.5 * sum(model.envelope.position_m)
     run.reset()
     force = 0.0
@@ -111,8 +110,11 @@ def _make_monotone(values: Sequence[float]) -> list[float]:
 
 
 def _space_speeds(fastest: float) -> list[float]:
-    """Return rising speeds from MIN_SPEED_M_S to `fastest`, their spacing growing with speed."""
-    return [MIN_SPEED_M_S + (fastest - MIN_SPEED_M_S) * (k / (SPEEDS - 1)) ** 2 for k in range(SPEEDS)]
+    """Return rising speeds from InverseLimits.MIN_SPEED_M_S to `fastest`, their spacing growing with speed."""
+    return [
+        InverseLimits.MIN_SPEED_M_S + (fastest - InverseLimits.MIN_SPEED_M_S) * (k / (SPEEDS - 1)) ** 2
+        for k in range(SPEEDS)
+    ]
 
 
 @dataclass(frozen=True)

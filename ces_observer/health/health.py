@@ -2,65 +2,34 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from math import ceil
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from ces_observer.current_hold import ConstantCurrent
-from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
+from ces_observer.damper_observer import SILENT, DamperObserver
+from ces_observer.health.diagnostics import (
+    ACTIVE,
+    ERRORS,
+    INACTIVE_TASK,
+    LEVEL_ERROR,
+    LEVEL_OK,
+    LEVEL_WARN,
+    DiagnosticTask,
+    Figures,
+    Latencies,
+    NodeFacts,
+    Remarks,
+    Report,
+    Values,
+    find_change_remarks,
+    make_statuses,
+)
 from ces_observer.health.episodes import Episodes, Stillness
 from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
 from ces_observer.health.streams import Arrivals, StreamFigures
-from ces_observer.reasons import BEYOND_STROKE, OK, UNBOUNDED
-
-Values = Iterator[tuple[str, str]]  # key and value for diagnostics
-
-MAX_LATENCIES = 20_000  # kept of a window: the newest
-
-
-class LatencyFigures(NamedTuple):
-    """One window: median, 99th percentile and maximum [ns], 0 if it was empty, and the number of latencies."""
-
-    p50_ns: int = 0
-    p99_ns: int = 0
-    max_ns: int = 0
-    samples: int = 0
-
-    def values(self, end: str) -> Values:
-        """Yield the latencies from a stamp to `end`."""
-        for name, ns in (("p50", self.p50_ns), ("p99", self.p99_ns), ("max", self.max_ns)):
-            yield f"latency from stamp to {end}, {name} [ms]", f"{ns * 1e-6:.3f}" if self.samples else "none"
-
-
-class Latencies:
-    """The latencies since the last `roll`; `figures` are those of the window before."""
-
-    def __init__(self) -> None:
-        self._ns: deque[int] = deque(maxlen=MAX_LATENCIES)
-        self.figures = LatencyFigures()
-
-    def take(self, ns: int) -> None:
-        """Count a latency; a negative one, from different clocks, counts as zero."""
-        self._ns.append(ns)
-
-    def roll(self) -> LatencyFigures:
-        """Return the figures of the window and begin a new one."""
-        ns, self.figures = sorted(self._ns), LatencyFigures()
-        self._ns.clear()
-        if ns:
-            p50_ns, p99_ns, max_ns = (max(0, ns[ceil(len(ns) * percent / 100) - 1]) for percent in (50, 99, 100))
-            self.figures = LatencyFigures(p50_ns, p99_ns, max_ns, len(ns))
-        return self.figures
-
-
-LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2  # as in diagnostic_msgs/msg/DiagnosticStatus
-ERRORS = frozenset({SILENT, POSITION_NOT_FINITE, NO_CURRENT, OFF_CLOCK, UNBOUNDED, BEYOND_STROKE})
-OUTSIDE_WARN = 0.01  # share of forces from inputs outside the envelope, or held at its own, that gives a warning
-DROPPED_WARN = 0.01  # share of missing positions that gives a warning
-STILL_WARN_S = 1.0  # time without any change of position that gives a warning
+from ces_observer.limits import ClockLimits, HealthLimits
+from ces_observer.reasons import OK
 
 
 class DriftRecorder(Protocol):
@@ -72,85 +41,15 @@ class DriftRecorder(Protocol):
         """Take note of a drift; return whether it will be recorded."""
 
 
-@dataclass(frozen=True)
-class Status:
-    """One status: `level` as in DiagnosticStatus, `message` in one line, `values` in the order of display."""
-
-    level: int
-    message: str
-    values: tuple[tuple[str, str], ...]
-
-
-UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"  # states of a node
-
-
-class NodeFacts(NamedTuple):
-    """The state of a node, remarks on it (empty ones are none), and more values for `~/details`."""
-
-    state: str = ACTIVE
-    remarks: tuple[str, ...] = ()
-    values: tuple[tuple[str, str], ...] = ()
-
-
-class DiagnosticTask(NamedTuple):
-    """One task of diagnostics: its level and message, and remarks, each of which makes it a warning."""
-
-    level: int
-    words: str
-    remarks: Sequence[str] = ()
-
-
-class Report(NamedTuple):
-    """The report on a damper: its reason, a status with all values, those of the tasks by name, and counts for the log.
-
-    `changes` of the reason and samples `withheld` are counted since the start.
-    """
-
-    reason: str
-    status: Status
-    tasks: tuple[tuple[str, Status], ...] = ()
-    changes: int = 0
-    withheld: int = 0
-
-
-def make_statuses(
-    tasks: Mapping[str, DiagnosticTask], values: Mapping[str, str], keys: Mapping[str, Sequence[str]]
-) -> tuple[Status, tuple[tuple[str, Status], ...]]:
-    """Return one status with the first task's words, all remarks and `values`, and one of each task with its `keys`."""
-    levels = {name: max(task.level, LEVEL_WARN if task.remarks else LEVEL_OK) for name, task in tasks.items()}
-    each = tuple(
-        (name, Status(levels[name], "; ".join((task.words, *task.remarks)),
-                      tuple((key, values[key]) for key in keys[name] if key in values)))
-        for name, task in tasks.items()
-    )  # fmt: skip
-    remarks = [remark for task in tasks.values() for remark in task.remarks]
-    words = next(iter(tasks.values())).words
-    return Status(max(levels.values()), "; ".join((words, *remarks)), tuple(values.items())), each
-
-
-def unconfigured_report(purpose: str) -> Report:
-    """Return the report of a node without a model; `purpose` is what it would do."""
-    status = Status(LEVEL_WARN, f"unconfigured: configure the node to {purpose}", (("state", UNCONFIGURED),))
-    return Report(UNCONFIGURED, status, (("health", status),))
-
-
-def find_change_remarks(values: Mapping[str, str]) -> list[str]:
-    """Return a remark on the last change of the model, if it was refused."""
-    change = values.get("last change of the model", "")
-    return [f"the last change was {change}"] if change.startswith(REFUSED) else []
-
-
-INACTIVE_TASK = DiagnosticTask(LEVEL_WARN, "inactive: activate the node to publish")
-LATENCIES = tuple(f"latency from stamp to publish, {name} [ms]" for name in ("p50", "p99", "max"))
+LATENCY_KEYS = tuple(Figures.LATENCY.key.format("publish", name) for name in ("p50", "p99", "max"))
 KEYS: Mapping[str, Sequence[str]] = {  # of the tasks, at most 20 in all
-    "health": ("reason", "state", "withheld in the last second [%]", "share outside the envelope",
-               "last episode", "unexpected errors"),
-    "frequency": ("position: rate [Hz]", "current: rate [Hz]", "dropped", "forces estimated"),
-    "time stamps": ("age of the last position on arrival [s]", *LATENCIES, "jumps of time"),
-    "model": ("model sha256", "computed by", "last change of the model", "running cost J [%]", "threshold of J [%]"),
+    "health": (Figures.REASON.key, "state", Figures.WITHHELD_SHARE.key, Figures.OUTSIDE_SHARE.key,
+               Figures.LAST_EPISODE.key, "unexpected errors"),
+    "frequency": (*(Figures.STREAM_RATE.key.format(name) for name in ("position", "current")),
+                  Figures.ALL_DROPPED.key, Figures.ESTIMATED.key),
+    "time stamps": (Figures.AGE.key, *LATENCY_KEYS, Figures.JUMPS.key),
+    "model": ("model sha256", "computed by", "last change of the model", Figures.COST.key, Figures.COST_LIMIT.key),
 }  # fmt: skip
-AHEAD_S = 0.05  # of stamps before the node's clock, that simulated time may give
-REFUSED = "refused"  # begins the state of a change of the model
 
 
 class Health:
@@ -164,7 +63,7 @@ class Health:
         cost: RunningCost | None = None, snapshots: DriftRecorder | None = None, name: str = "damper",
     ) -> None:  # fmt: skip
         self.position, self.current, self.force = Arrivals(), Arrivals(), Arrivals()
-        self.stillness = Stillness(STILL_WARN_S)
+        self.stillness = Stillness(HealthLimits.STILL_S)
         self.latency = Latencies()
         self.episodes = Episodes()
         self.snapshots = snapshots
@@ -246,58 +145,58 @@ class Health:
         reason = self._damper.reason
         remarks = [*self._remarks(), *filter(None, remarks)]
         if reason == OK:
-            return DiagnosticTask(LEVEL_OK, "estimating", remarks)
+            return DiagnosticTask(LEVEL_OK, Remarks.ESTIMATING, remarks)
         level = LEVEL_ERROR if reason in ERRORS else LEVEL_WARN
-        return DiagnosticTask(level, f"withholding: {reason}" + (f": {detail}" if detail else ""), remarks)
+        words = f"{Remarks.WITHHOLDING}{reason}" + (f": {detail}" if detail else "")
+        return DiagnosticTask(level, words, remarks)
 
     def _remarks(self) -> Iterator[str]:
         episodes, ok = self.episodes, self._damper.reason == OK
         new, last = episodes.total - self._reported_episodes, episodes.last
         if new and last is not None:
-            more = f" and {new - 1} more" if new > 1 else ""
-            yield f"recovered from {last.reason} ({last.length_s:.2g} s){more}"
+            more = Remarks.MORE_EPISODES % (new - 1) if new > 1 else ""
+            yield f"{Remarks.RECOVERED}{last.reason} ({last.length_s:.2g} s){more}"
         if ok and self._withheld > 0.0:
-            yield f"{self._withheld:.1%} withheld in the last second"
-        if ok and self._outside >= OUTSIDE_WARN:
+            yield Remarks.WITHHELD % (100.0 * self._withheld)
+        if ok and self._outside >= HealthLimits.OUTSIDE:
             extrapolates = self._damper.model.body.extrapolates
-            what = "of the forces extrapolated to inputs" if extrapolates else "of the forces from clamped inputs,"
-            yield f"{self._outside:.1%} {what} outside what the model was identified on"
-        if ok and self._held >= OUTSIDE_WARN:
-            yield f"{self._held:.1%} of the forces held at the force envelope"
+            yield (Remarks.EXTRAPOLATED if extrapolates else Remarks.CLAMPED) % (100.0 * self._outside)
+        if ok and self._held >= HealthLimits.OUTSIDE:
+            yield Remarks.HELD % (100.0 * self._held)
         if self.stillness.resting:
-            yield f"the position has not changed for {self.stillness.last_s:.1f} s: at rest, or its sensor is stuck"
+            yield Remarks.RESTS % self.stillness.last_s
         elif self.stillness.count > self._reported_rests:
-            yield f"the position has not changed for {self.stillness.last_s:.1f} s and does now"
+            yield Remarks.RESTED % self.stillness.last_s
 
     def _frequency_task(self) -> DiagnosticTask:
         figures, remarks = self.position.figures, [self.mismatch] if self.mismatch else []
         if not self._is_rolled:
-            return DiagnosticTask(LEVEL_OK, "not measured yet", remarks)
+            return DiagnosticTask(LEVEL_OK, Remarks.NOT_MEASURED, remarks)
         if not figures.samples:
-            return DiagnosticTask(LEVEL_ERROR, "no position", remarks)
-        rates = f"position {figures.rate_Hz:.1f} Hz"
+            return DiagnosticTask(LEVEL_ERROR, Remarks.NO_POSITION, remarks)
+        rates = Remarks.POSITION_RATE % figures.rate_Hz
         if not isinstance(self._damper.current, ConstantCurrent):
-            rates += f", current {self.current.figures.rate_Hz:.1f} Hz"
-        if figures.dropped and figures.dropped >= DROPPED_WARN * (figures.samples + figures.dropped):
+            rates += Remarks.CURRENT_RATE % self.current.figures.rate_Hz
+        if figures.dropped and figures.dropped >= HealthLimits.DROPPED * (figures.samples + figures.dropped):
             share = figures.dropped / (figures.samples + figures.dropped)
-            remarks.insert(0, f"{share:.1%} of the positions {figures.describe_missing()}")
+            remarks.insert(0, Remarks.MISSING % (100.0 * share) + figures.describe_missing())
         return DiagnosticTask(LEVEL_OK, rates, remarks)
 
     def _stamps_task(self) -> DiagnosticTask:
         now, before, remarks = self.position.figures, self._position_before, list[str]()
         if not now.samples:
-            words = "no position in the last second" if self._is_rolled else "not measured yet"
+            words = Remarks.NO_RECENT_POSITION if self._is_rolled else Remarks.NOT_MEASURED
         elif now.total_dropped is None:
-            words = "positions have no stamp: they are stamped on arrival"
+            words = Remarks.NO_STAMP
         else:
-            words = f"positions arrive {now.mean_age_s * 1e3:.1f} ms after their stamp"
-            if now.mean_age_s < -AHEAD_S:
-                remarks.append("their stamps are ahead of the node's clock")
+            words = Remarks.ARRIVAL % (now.mean_age_s * 1e3)
+            if now.mean_age_s < -ClockLimits.AHEAD_S:
+                remarks.append(Remarks.AHEAD)
         repeats = now.total_out_of_order + now.total_duplicates - before.total_out_of_order - before.total_duplicates
         if repeats:
-            remarks.append(f"{repeats} positions repeat or run backwards")
+            remarks.append(Remarks.REPEATS % repeats)
         if breaks := now.total_interruptions - before.total_interruptions:
-            remarks.append(f"{breaks} interruptions of the stamps")
+            remarks.append(Remarks.INTERRUPTIONS % breaks)
         return DiagnosticTask(LEVEL_OK, words, remarks + ([self._recent_jump] if self._recent_jump else []))
 
     def _model_remarks(self) -> Iterator[str]:
@@ -307,37 +206,37 @@ class Health:
 
     def _values(self) -> Values:
         damper, tally, stillness = self._damper, self._damper.tally, self.stillness
-        yield "reason", damper.reason
-        yield "rate [Hz]", f"{self._rate_Hz:.1f}"
-        yield "age of the last position on arrival [s]", f"{damper.age_ns * 1e-9:.6f}"
-        yield "withheld in the last second [%]", f"{100.0 * self._withheld:.1f}"
-        yield "share outside the envelope", f"{self._outside:.4f}"
-        yield "inputs outside the envelope", f"are {damper.model.body.outside}"
-        yield "position samples", str(tally.samples)
-        yield "forces estimated", str(tally.estimates)
+        yield Figures.REASON.of(damper.reason)
+        yield Figures.RATE.of(self._rate_Hz)
+        yield Figures.AGE.of(damper.age_ns * 1e-9)
+        yield Figures.WITHHELD_SHARE.of(100.0 * self._withheld)
+        yield Figures.OUTSIDE_SHARE.of(self._outside)
+        yield Figures.OUTSIDE.of(damper.model.body.outside)
+        yield Figures.SAMPLES.of(tally.samples)
+        yield Figures.ESTIMATED.of(tally.estimates)
         if damper.model.sampling.delay_ticks:
-            yield "delayed forces estimated", str(tally.late)
+            yield Figures.LATE.of(tally.late)
         if tally.held:
-            yield "forces held at the force envelope", str(tally.held)
-        yield "messages without the field", str(tally.unreadable)
+            yield Figures.HELD.of(tally.held)
+        yield Figures.UNREADABLE.of(tally.unreadable)
         for reason, count in sorted(tally.withheld.items()):
-            yield f"withheld: {reason}", str(count)
-        yield "episodes of withholding", str(self.episodes.total)
-        yield "last episode", str(self.episodes.last or "none")
-        yield "position has not changed, times", str(stillness.count)
+            yield Figures.WITHHELD.of(count, reason)
+        yield Figures.EPISODES.of(self.episodes.total)
+        yield Figures.LAST_EPISODE.of(self.episodes.last)
+        yield Figures.RESTS.of(stillness.count)
         if stillness.count:
-            yield "position has not changed, last for [s]", f"{stillness.last_s:.3f}"
+            yield Figures.LAST_REST.of(stillness.last_s)
         yield from self.latency.figures.values("publish")
         for name, share in self._load._asdict().items():
             if share is not None:
-                yield f"{name} load [% of a core]", f"{100.0 * share:.1f}"
+                yield Figures.LOAD.of(100.0 * share, name)
         for name, stream in (("position", self.position), ("current", self.current), ("measured force", self.force)):
             yield from stream.figures.values(name)
         if self.position.figures.total_dropped is not None:
-            yield "dropped", str(self.position.figures.total_dropped)
-        yield "jumps of time", f"{self._jumps}, the last: {self._jump}"
+            yield Figures.ALL_DROPPED.of(self.position.figures.total_dropped)
+        yield Figures.JUMPS.of(f"{self._jumps}, the last: {self._jump}")
         if self.cost is not None:
             yield from self.cost.values(self._evaluated)
         if self.snapshots is not None:
-            yield "snapshot", self.snapshots.state
+            yield Figures.SNAPSHOT.of(self.snapshots.state)
         yield from self._facts

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite, sqrt
 
+from ces_observer.health.diagnostics import Figures
+from ces_observer.limits import DriftLimits
 from ces_observer.model import Model
 
 HISTORY = 2048  # estimates, and measured forces that wait for one: two seconds at 1 kHz
@@ -71,13 +73,6 @@ class ForcePairs:
 
 
 SECOND_NS = 1_000_000_000
-LATE_NS = 5 * SECOND_NS  # an older pair shows that time was set back
-MIN_PAIRS = 100  # in the window, for a cost
-MIN_FORCE_N = 20.0
-MIN_FORCE_SHARE = 0.01  # of the force envelope: with a smaller standard deviation the damper hardly moves
-MIN_WARN_J = 10.0
-BAD_SECONDS = 3  # bad ones in the window that make a drift, good ones in a row that end it
-GOOD = 0.8  # share of the threshold below which a second is good
 
 
 class RunningCost:
@@ -104,7 +99,7 @@ class RunningCost:
     def from_model(cls, model: Model, warn_J: float | None = None, window_s: int = 10) -> RunningCost:
         """Return the running cost of a model; `warn_J` defaults to `default_warn_J`."""
         low, high = model.force_envelope_N
-        min_N = max(MIN_FORCE_N, MIN_FORCE_SHARE * (high - low))
+        min_N = max(DriftLimits.MIN_FORCE_N, DriftLimits.MIN_FORCE_SHARE * (high - low))
         warn_J = default_warn_J(model) if warn_J is None else warn_J
         return cls(window_s, warn_J, min_N, model.sampling.max_gap_s)
 
@@ -127,11 +122,11 @@ class RunningCost:
 
     def values(self, evaluated: bool) -> Iterator[tuple[str, str]]:
         """Yield the key-value pairs for diagnostics; `evaluated` is True if the last window had pairs."""
-        yield "running cost J [%]", f"{self.J:.2f}" if evaluated and self.J is not None else "none"
-        yield "threshold of J [%]", f"{self.warn_J:.2f}"
-        yield "measured force, standard deviation [N]", f"{self.spread_N:.1f}"
-        yield "measured forces not finite", str(self.ignored)
-        yield "measured forces without estimates around", str(self.unpaired)
+        yield Figures.COST.of(self.J if evaluated else None)
+        yield Figures.COST_LIMIT.of(self.warn_J)
+        yield Figures.FORCE_SPREAD.of(self.spread_N)
+        yield Figures.FORCES_NOT_FINITE.of(self.ignored)
+        yield Figures.FORCES_UNPAIRED.of(self.unpaired)
 
     def _restart(self, stamp_ns: int) -> None:
         self._seconds.clear()
@@ -143,7 +138,7 @@ class RunningCost:
 
     def _take(self, stamp_ns: int, measured_N: float, estimated_N: float) -> None:
         """Add a pair to the present second, even if its stamp is older."""
-        if not -LATE_NS <= stamp_ns - self._end_ns < 0:
+        if not -DriftLimits.LATE_S * SECOND_NS <= stamp_ns - self._end_ns < 0:
             self._end_second(stamp_ns)
         self.paired += 1
         second, error_N = self._second, estimated_N - measured_N
@@ -167,15 +162,19 @@ class RunningCost:
         mean = sum(second.force for second in self._seconds) / pairs
         variance = sum(second.force2 for second in self._seconds) / pairs - mean * mean
         self.spread_N = sqrt(max(0.0, variance))
-        if pairs < MIN_PAIRS or self.spread_N < self.min_N:
+        if pairs < DriftLimits.MIN_PAIRS or self.spread_N < self.min_N:
             self.J = None
             return
         error_N = sqrt(sum(second.error2 for second in self._seconds) / pairs)
         self.J = 100.0 * error_N / self.spread_N
         limit_N = self.warn_J * self.spread_N / 100.0
         bad = sum(second.error_N > limit_N for second in self._seconds)
-        self._good = self._good + 1 if error_N < GOOD * limit_N else 0
-        self.drifted = self._good < BAD_SECONDS if self.drifted else error_N > limit_N and bad >= BAD_SECONDS
+        self._good = self._good + 1 if error_N < DriftLimits.GOOD * limit_N else 0
+        self.drifted = (
+            self._good < DriftLimits.BAD_SECONDS
+            if self.drifted
+            else error_N > limit_N and bad >= DriftLimits.BAD_SECONDS
+        )
 
 
 @dataclass
@@ -204,4 +203,4 @@ def default_warn_J(model: Model) -> float:
         if isinstance(row, Mapping) and isinstance(row.get("J"), int | float) and isfinite(row["J"]):
             costs.setdefault(row.get("role"), []).append(float(row["J"]))
     values = costs.get("validation") or costs.get("identification") or [0.0]
-    return max(MIN_WARN_J, 2.0 * max(values))
+    return max(DriftLimits.MIN_WARN_J, DriftLimits.WARN_RATIO * max(values))

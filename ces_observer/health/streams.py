@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ces_observer.health import arrivals as counts
+from ces_observer.health.diagnostics import Figures, Remarks
 
-UNKNOWN = "unknown: the middleware does not number the messages"
 MAX_DEPTH = 1 << 62  # messages: a queue that is never full
 
 
@@ -76,27 +76,31 @@ class StreamFigures:
         """Yield the key-value pairs of the input `name` for diagnostics, once a message has arrived."""
         if not self.total_samples:
             return
-        yield f"{name}: rate [Hz]", f"{self.rate_Hz:.1f}"
-        yield f"{name}: age, mean [ms]", f"{self.mean_age_s * 1e3:.3f}"
-        yield f"{name}: age, max [ms]", f"{self.max_age_s * 1e3:.3f}"
-        yield f"{name}: jitter [ms]", f"{self.jitter_s * 1e3:.3f}"
+        yield Figures.STREAM_RATE.of(self.rate_Hz, name)
+        yield Figures.MEAN_AGE.of(self.mean_age_s * 1e3, name)
+        yield Figures.MAX_AGE.of(self.max_age_s * 1e3, name)
+        yield Figures.JITTER.of(self.jitter_s * 1e3, name)
         if self.total_dropped is not None:
             lost, overflowed = self.total_lost, self.total_overflowed
-            yield f"{name}: dropped", str(self.total_dropped)
-            yield f"{name}: dropped, in this node's queue", str(overflowed)
-            yield f"{name}: dropped, lost on the way", UNKNOWN if lost is None else str(max(0, lost - overflowed))
-            yield f"{name}: dropped, not sent", UNKNOWN if lost is None else str(max(0, self.total_dropped - lost))
-        yield f"{name}: out of order", str(self.total_out_of_order)
-        yield f"{name}: duplicates", str(self.total_duplicates)
-        yield f"{name}: interruptions", str(self.total_interruptions)
+            on_the_way, not_sent = (
+                Remarks.NOT_NUMBERED if lost is None else max(0, count)
+                for count in ((lost or 0) - overflowed, self.total_dropped - (lost or 0))
+            )
+            yield Figures.DROPPED.of(self.total_dropped, name)
+            yield Figures.DROPPED_IN_QUEUE.of(overflowed, name)
+            yield Figures.DROPPED_ON_THE_WAY.of(on_the_way, name)
+            yield Figures.NOT_SENT.of(not_sent, name)
+        yield Figures.OUT_OF_ORDER.of(self.total_out_of_order, name)
+        yield Figures.DUPLICATES.of(self.total_duplicates, name)
+        yield Figures.INTERRUPTIONS.of(self.total_interruptions, name)
 
     def describe_missing(self) -> str:
         """Return what became of the samples that are missing in this window, as the end of a sentence."""
         if self.overflowed:
-            return f"missing, {self.overflowed} of them dropped by this node's queue: set input_depth higher"
+            return Remarks.MISSING_IN_QUEUE % self.overflowed
         if self.lost is None:
-            return "missing: lost on the way, or the source paused"
-        return f"missing, {self.lost} of them lost on the way" if self.lost else "missing: the source paused"
+            return Remarks.MISSING_UNKNOWN
+        return Remarks.MISSING_ON_THE_WAY % self.lost if self.lost else Remarks.MISSING_PAUSED
 
 
 class Arrivals:

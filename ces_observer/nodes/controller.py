@@ -17,8 +17,8 @@ from rclpy.parameter import Parameter
 from ces_observer.control.control_loop import ControllerHealth, ControlLoop
 from ces_observer.control.force_controller import NO_ESTIMATE, OK, ForceController
 from ces_observer.control.inverse_map import ModelInverse
-from ces_observer.health.health import NodeFacts, unconfigured_report
-from ces_observer.health.log_lines import LineLimit
+from ces_observer.health.diagnostics import NodeFacts, unconfigured_report
+from ces_observer.health.episodes import LineLimit
 from ces_observer.nodes import executors
 from ces_observer.nodes.executors import NodeClock
 from ces_observer.nodes.guarded_node import GuardedNode

@@ -11,6 +11,7 @@ from ces_observer.damper_observer import NO_CURRENT, NO_MOTION, SILENT, DamperOb
 from ces_observer.health.health import Health
 from ces_observer.health.running_cost import RunningCost, default_warn_J
 from ces_observer.health.streams import Arrivals
+from ces_observer.limits import HealthLimits
 from ces_observer.nodes.executors import NodeClock
 from ces_observer.nodes.inputs import Deliver, InputSubscriptions
 from ces_observer.nodes.managed_node import ManagedNode
@@ -18,8 +19,6 @@ from ces_observer.nodes.model_check import Verdict, model_facts
 from ces_observer.nodes.outputs import EstimateOutput
 from ces_observer.nodes.parameters import DamperSettings, live_value
 from ces_observer.signals import MOTIONS, Constant, Signal
-
-MIN_SILENCE_S = 0.2
 
 
 class DamperTopics:
@@ -104,7 +103,7 @@ class DamperTopics:
         samples = self.damper.tally.samples
         self._quiet_s = 0.0 if samples != self._last_samples else self._quiet_s + elapsed_s
         self._last_samples = samples
-        if self._quiet_s >= max(MIN_SILENCE_S, self.damper.model.sampling.max_gap_s):
+        if self._quiet_s >= max(HealthLimits.MIN_SILENCE_S, self.damper.model.sampling.max_gap_s):
             self.damper.report_silence()
             self._report_change()
 

@@ -13,6 +13,8 @@ from functools import wraps
 from inspect import iscoroutinefunction
 from typing import Any
 
+from ces_observer.limits import NodeLimits
+
 MAX_KINDS = 100  # kinds of failures that are logged
 MAX_LENGTH = 300  # characters of a failure in diagnostics
 GUARDED = "is_guarded"  # attribute of a function that `Guard.wrap` returned
@@ -102,9 +104,6 @@ class Guard:
         return f"{self.count} unexpected errors, the last: {self.last}"
 
 
-MAX_NAMES = 500  # names, prefixes or parameters in one request
-MAX_NAME_LENGTH = 1000  # characters
-MAX_VALUE_LENGTH = 10_000  # characters of a string, elements of an array
 LAST_TYPE = 9  # of rcl_interfaces/msg/ParameterType: an array of strings
 LISTS = ("names", "prefixes", "parameters")
 VALUES = ("string_value", *(f"{kind}_array_value" for kind in ("byte", "bool", "integer", "double", "string")))
@@ -120,23 +119,25 @@ def find_too_many(request: Any) -> str:
     """Return of what there are too many in a request, empty if of nothing."""
     for name in LISTS:
         count = len(getattr(request, name, ()))
-        if count > MAX_NAMES:
-            return f"{count} {name} in one request; expected at most {MAX_NAMES}"
+        if count > NodeLimits.MAX_NAMES:
+            return f"{count} {name} in one request; expected at most {NodeLimits.MAX_NAMES}"
     return ""
 
 
 def _find_excess_of(one: Any) -> str:
     """Return in what one name or parameter exceeds the limits, or that its value has no type."""
     name = one if isinstance(one, str) else one.name
-    if len(name) > MAX_NAME_LENGTH:
-        return f"a parameter's name of {len(name)} characters; expected at most {MAX_NAME_LENGTH}"
+    if len(name) > NodeLimits.MAX_NAME_LENGTH:
+        return f"a parameter's name of {len(name)} characters; expected at most {NodeLimits.MAX_NAME_LENGTH}"
     if isinstance(one, str):
         return ""
     if one.value.type > LAST_TYPE:
         return f"parameter '{name}' has a value of unknown type {one.value.type}"
     longest = max(len(getattr(one.value, field)) for field in VALUES)
-    if longest > MAX_VALUE_LENGTH:
-        return f"parameter '{name}' has {longest} characters or elements; expected at most {MAX_VALUE_LENGTH}"
-    if any(len(text) > MAX_VALUE_LENGTH for text in one.value.string_array_value):
-        return f"parameter '{name}' has a string of more than {MAX_VALUE_LENGTH} characters; expected fewer"
+    if longest > NodeLimits.MAX_VALUE_LENGTH:
+        return (
+            f"parameter '{name}' has {longest} characters or elements; expected at most {NodeLimits.MAX_VALUE_LENGTH}"
+        )
+    if any(len(text) > NodeLimits.MAX_VALUE_LENGTH for text in one.value.string_array_value):
+        return f"parameter '{name}' has a string of more than {NodeLimits.MAX_VALUE_LENGTH} characters; expected fewer"
     return ""

@@ -17,8 +17,8 @@ from rclpy.subscription import Subscription
 from rosidl_runtime_py.utilities import get_message
 
 from ces_observer.arrival_clock import ArrivalClock
+from ces_observer.cdr.layout import CdrUnsupportedError
 from ces_observer.cdr.signal import RawSignal, Reading
-from ces_observer.cdr.types import CdrUnsupportedError
 from ces_observer.errors import SignalsError
 from ces_observer.health.streams import Losses
 from ces_observer.nodes.executors import NodeClock
@@ -117,8 +117,8 @@ class InputSubscriptions:
         subscription = self._topics[topic, signal.type].subscription
         if subscription is None or self._node.count_publishers(topic) <= subscription.get_publisher_count():
             return ""
-        found = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)}
-        others = ", ".join(sorted(found - {signal.type}))
+        types = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)}
+        others = ", ".join(sorted(types - {signal.type}))
         text = f"{topic} also carries {others}, which is not read; {signal.name}.type is {signal.type}"
         return text if others else ""
 
@@ -154,18 +154,25 @@ class InputSubscriptions:
 
     def take_all(self, topic: _Topic, first: Taken) -> None:
         """Read a message and all that wait on any topic, in the order in which they were sent."""
-        taken = [(one.arrived_ns(message), one, message) for one, message in self._take_waiting(topic, first)]
-        for _, one, message in sorted(taken, key=itemgetter(0)):
-            self._node.guard.call(partial(_Topic.__call__, one, *message))
+        taken = [
+            (from_topic.arrived_ns(message), from_topic, message)
+            for from_topic, message in self._take_waiting(topic, first)
+        ]
+        for _, from_topic, message in sorted(taken, key=itemgetter(0)):
+            self._node.guard.call(partial(_Topic.__call__, from_topic, *message))
 
     def _take_waiting(self, topic: _Topic, first: Taken) -> Iterator[tuple[_Topic, Taken]]:
         """Yield the messages of all topics until none waits: after a stall the middleware still hands them over."""
         yield topic, first
         for _ in range(MAX_ROUNDS):
-            found = [(one, message) for one in self._topics.values() for message in one.take_waiting(self._depth)]
-            if not found:
+            taken = [
+                (waiting_topic, message)
+                for waiting_topic in self._topics.values()
+                for message in waiting_topic.take_waiting(self._depth)
+            ]
+            if not taken:
                 return
-            yield from found
+            yield from taken
 
     def _resolve_topic(self, signal: Signal) -> str:
         try:

@@ -1,7 +1,7 @@
 """A managed node: what it needs on ROS is made when it is configured, and published only while it is active.
 
 The states are those of https://design.ros2.org/articles/node_lifecycle.html, and any lifecycle manager can drive them;
-with the parameter `autostart` the node configures and activates itself. Where rclpy has no life cycle, it always does.
+with the parameter `autostart` the node configures and activates itself.
 """
 
 from __future__ import annotations
@@ -13,20 +13,15 @@ from math import inf
 from time import monotonic
 from typing import Any
 
+from lifecycle_msgs.msg import State
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
 
 from ces_observer.errors import CesError
-from ces_observer.health.health import ACTIVE, INACTIVE, UNCONFIGURED
+from ces_observer.health.diagnostics import ACTIVE, INACTIVE, UNCONFIGURED
+from ces_observer.limits import NodeLimits
 from ces_observer.nodes.executors import START_ERRORS
 from ces_observer.nodes.parameters import TableNode
-
-RETRY_S = 5.0  # from a failure while active to the next start
-
-try:
-    from lifecycle_msgs.msg import State
-    from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
-except ImportError:
-    from ces_observer.nodes.plain_life import LifecycleNodeMixin, TransitionCallbackReturn
 
 
 class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
@@ -74,7 +69,7 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
     @property
     def starts_itself(self) -> bool:
         """Whether the node configures and activates itself."""
-        return hasattr(self, "is_plain") or bool(self.get_parameter("autostart").value)
+        return bool(self.get_parameter("autostart").value)
 
     def start(self) -> None:
         """Configure and activate the node if it starts itself; raises one of START_ERRORS if it cannot."""
@@ -95,13 +90,13 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         self._fell = True
         self.trigger_deactivate()
         if self.starts_itself:
-            self._next_start_s = monotonic() + RETRY_S
+            self._next_start_s = monotonic() + NodeLimits.RETRY_S
 
     def start_again(self) -> None:
         """Start after a failure, if that is due."""
         if monotonic() < self._next_start_s:
             return
-        self._next_start_s = monotonic() + RETRY_S
+        self._next_start_s = monotonic() + NodeLimits.RETRY_S
         try:
             self.start()
             self._next_start_s = inf

@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from ces_observer.errors import CesError, ModelError
+from ces_observer.limits import HealthLimits
 from ces_observer.model import Model, load_model
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.model_check import ModelReload, Verdict, model_facts
@@ -29,7 +30,6 @@ from ces_observer.nodes.parameters import model_path, value_of
 
 WAITS, CHECKED, ACCEPTED, RUNS = "waits", "is being checked", "accepted", "has taken over"  # states of a request
 REFUSED, OVERTAKEN = "refused", "overtaken"
-LOG_S = 1.0  # minimum time between two log lines on refusals
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class ModelChanges:
     def _refuse(self, request: ModelRequest, reason: str) -> None:
         self.refused += 1
         self._report(request, REFUSED, reason)
-        if monotonic() - self._logged_s >= LOG_S:
+        if monotonic() - self._logged_s >= HealthLimits.QUIET_S:
             self._logged_s = monotonic()
             self._node.get_logger().error(self.state)
         self._restore_parameter(request)

@@ -31,15 +31,13 @@ from typing import BinaryIO
 from ces_observer import core
 from ces_observer.control.inverse_map import ModelInverse
 from ces_observer.errors import CesError, ModelError
-from ces_observer.model import MAX_BYTES, Model, parse_model
+from ces_observer.limits import FileLimits, NodeLimits
+from ces_observer.model import Model, parse_model
 
 PROVE, INVERT = "prove", "invert"  # the tasks
 USER_ERROR = 2
-MAX_CHECK_S = 600.0  # a longer check is ended
 CHECK = ("-m", "ces_observer.nodes.model_check")
 PARENT = str(Path(__file__).resolve().parent.parent.parent)
-MAX_CPU_S = 300
-MAX_MEMORY_BYTES = 1 << 30  # bytes of address space: models are small
 MAX_ANSWER_BYTES = 1 << 23
 NICENESS = 15
 OOM_SCORE = "1000"  # killed before any other process
@@ -88,7 +86,7 @@ class Verdict:
 class ModelReload:
     """Checks one model at a time, for at most `longest_s`, with the arguments `program` of this Python."""
 
-    def __init__(self, program: Sequence[str] = CHECK, longest_s: float = MAX_CHECK_S) -> None:
+    def __init__(self, program: Sequence[str] = CHECK, longest_s: float = NodeLimits.MAX_CHECK_S) -> None:
         self._program, self._longest_s = tuple(program), longest_s
         self._checked: tuple[Model, str, tuple[str, ...]] | None = None
         self._child: subprocess.Popen[bytes] | None = None
@@ -152,7 +150,7 @@ def _require_success(status: int | None, output: str, longest_s: float) -> None:
         raise ModelError("".join(one if one.isprintable() else "?" for one in line))
     reasons = {
         None: f"not checked within {longest_s:g} s; expected a model this computer can prove stable",
-        -signal.SIGXCPU: f"its check took more than {MAX_CPU_S} s of processor time",
+        -signal.SIGXCPU: f"its check took more than {NodeLimits.MAX_CPU_S} s of processor time",
         -signal.SIGKILL: "its check was killed, as the kernel does when memory is short; free some and try again",
     }
     other = f"its check ended with status {status}; check the file with `ces info`"
@@ -190,7 +188,7 @@ def main() -> int:
     except (CesError, UnicodeDecodeError) as error:
         reason = str(error)
     except MemoryError:
-        reason = f"{source}: its check needs more than {MAX_MEMORY_BYTES >> 20} MiB of memory"
+        reason = f"{source}: its check needs more than {NodeLimits.MAX_MEMORY_BYTES >> 20} MiB of memory"
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}:{place.lineno}"
@@ -200,7 +198,7 @@ def main() -> int:
 
 
 def _check(source: str, tasks: Sequence[str]) -> str:
-    text = sys.stdin.buffer.read(4 * MAX_BYTES).decode("utf-8")
+    text = sys.stdin.buffer.read(4 * FileLimits.MAX_BYTES).decode("utf-8")
     model = parse_model(text, source)
     if PROVE in tasks:
         require_stable(model, source)
@@ -212,8 +210,8 @@ def _limit_this_process() -> None:
     with suppress(OSError, AttributeError):  # the node may run under SCHED_FIFO
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICENESS)
-    resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S))
-    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (NodeLimits.MAX_CPU_S, NodeLimits.MAX_CPU_S))
+    resource.setrlimit(resource.RLIMIT_AS, (NodeLimits.MAX_MEMORY_BYTES, NodeLimits.MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_ANSWER_BYTES, MAX_ANSWER_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with suppress(OSError):

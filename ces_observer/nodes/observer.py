@@ -14,9 +14,10 @@ from time import monotonic
 from rclpy.parameter import Parameter
 
 from ces_observer.estimator import Estimator
-from ces_observer.health.health import NodeFacts, unconfigured_report
-from ces_observer.health.log_lines import LineLimit
+from ces_observer.health.diagnostics import NodeFacts, unconfigured_report
+from ces_observer.health.episodes import LineLimit
 from ces_observer.health.process import ProcessWatch
+from ces_observer.limits import NodeLimits
 from ces_observer.nodes import executors
 from ces_observer.nodes.damper_topics import DamperTopics
 from ces_observer.nodes.executors import NodeClock
@@ -36,7 +37,6 @@ from ces_observer.nodes.snapshot import Snapshots
 
 WATCH_S = 0.1  # period of the watch timer, and minimum time between two diagnostics
 DIAGNOSTICS_S = 1.0
-FALL_S = 5.0  # of failures at each sample, after which the node leaves the active state
 
 
 class Observer(ManagedNode):
@@ -114,9 +114,11 @@ class Observer(ManagedNode):
 
     def _watch_failures(self) -> None:
         """Leave the active state if a damper does nothing but fail, and come back later."""
-        failing = [topics.settings.name for topics, _ in self._dampers if topics.failing_s >= FALL_S]
+        failing = [topics.settings.name for topics, _ in self._dampers if topics.failing_s >= NodeLimits.FALL_S]
         if failing:
-            self.guard.call(partial(self.fall, f"{', '.join(failing)}: each sample has failed for {FALL_S:g} s"))
+            self.guard.call(
+                partial(self.fall, f"{', '.join(failing)}: each sample has failed for {NodeLimits.FALL_S:g} s")
+            )
             self._publish_status()
         self.guard.call(self.start_again)
 

@@ -18,9 +18,9 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from ces_observer.cdr.joint_state import FIELDS, LITTLE_CDR, RawJointState
-from ces_observer.health.health import LEVEL_OK, LEVEL_WARN, Report, Status
-from ces_observer.health.log_lines import ReasonLog
+from ces_observer.cdr.signal import FIELDS, LITTLE_CDR, RawJointState
+from ces_observer.health.diagnostics import LEVEL_OK, LEVEL_WARN, Report, Status
+from ces_observer.health.episodes import ReasonLog
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers get the newest
 OUTPUT_DEPTH = 1000  # estimates of a burst after a stall that wait for a slow reader
@@ -171,23 +171,26 @@ class DiagnosticsOutput:
     def publish(self, reports: Sequence[DamperReport], details: bool = False) -> None:
         """Publish the tasks of each damper in one message, with `details` all values if they are heard, and log."""
         tasks = [
-            self._fill(f"{one.damper} {name}".strip(), one.joint, status)
-            for one in reports
-            for name, status in one.report.tasks or (("", one.report.status),)
+            self._fill(f"{of_damper.damper} {name}".strip(), of_damper.joint, status)
+            for of_damper in reports
+            for name, status in of_damper.report.tasks or (("", of_damper.report.status),)
         ]
         self._publish(self._publisher, tasks)
-        if self._details is None and any(one.report.tasks for one in reports):
+        if self._details is None and any(of_damper.report.tasks for of_damper in reports):
             self._details = self._node.create_publisher(DiagnosticArray, "~/details", 10)
         if details and self._details is not None and self._details.get_subscription_count() > 0:
-            self._publish(self._details, [self._fill(one.damper, one.joint, one.report.status) for one in reports])
-        for one in reports:
-            self._log(one.damper, one.report)
+            self._publish(
+                self._details,
+                [self._fill(of_damper.damper, of_damper.joint, of_damper.report.status) for of_damper in reports],
+            )
+        for of_damper in reports:
+            self._log(of_damper.damper, of_damper.report)
 
     def _fill(self, name: str, joint: str, status: Status) -> DiagnosticStatus:
-        one = DiagnosticStatus(level=bytes([status.level]), message=status.message, hardware_id=joint)
-        one.name = f"{self._node.get_fully_qualified_name()}: {name}"
-        one.values = [KeyValue(key=key, value=value) for key, value in status.values]
-        return one
+        message = DiagnosticStatus(level=bytes([status.level]), message=status.message, hardware_id=joint)
+        message.name = f"{self._node.get_fully_qualified_name()}: {name}"
+        message.values = [KeyValue(key=key, value=value) for key, value in status.values]
+        return message
 
     def _publish(self, publisher: Publisher, statuses: list[DiagnosticStatus]) -> None:
         message = DiagnosticArray(status=statuses)

@@ -6,13 +6,15 @@ It does not use ROS: `parameters.declare_table` declares a table; documentation 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from ces_observer.control.control_loop import FEEDBACKS
+from ces_observer.control.force_controller import Tuning
 from ces_observer.errors import CesError
+from ces_observer.limits import HealthLimits
 from ces_observer.options import Option
+from ces_observer.records import record_fields
 from ces_observer.signals import FIELDS
 
 TYPES = {bool: "BOOL", int: "INTEGER", float: "DOUBLE", str: "STRING"}  # as in rcl_interfaces/msg/ParameterType
@@ -20,7 +22,7 @@ OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 
 def find_unknown(
-    names: Iterable[str], known: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
+    names: Iterable[str], known_names: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
 ) -> list[str]:
     """Return the `names` that are neither `known`, nor ROS's own, nor in one of the `groups` (`GROUP.…`).
 
@@ -28,9 +30,9 @@ def find_unknown(
     """
     unknown = []
     for name in names:
-        first, _, rest = name.partition(".")
-        plain = rest if first in owners else name
-        if plain not in known and plain.partition(".")[0] not in {*groups, *OF_ROS}:
+        owner, _, own_name = name.partition(".")
+        plain = own_name if owner in owners else name
+        if plain not in known_names and plain.partition(".")[0] not in {*groups, *OF_ROS}:
             unknown.append(name)
     return unknown
 
@@ -58,8 +60,17 @@ def require_type(name: str, wanted: str, kind: str) -> None:
 def signal_options(signal: str, defaults: Mapping[str, Any]) -> tuple[Option, ...]:
     """Return the parameters SIGNAL.KEY of a signal; those without a default are not set."""
     keys = [key for key in FIELDS if key != "constant" or signal == "current"]
-    named = [replace(FIELDS[key], name=f"{signal}.{key}", default=defaults.get(key)) for key in keys]
-    return tuple(Option(**vars(one) | {"meaning": f"{signal}: {one.meaning}"}) for one in named)
+    return tuple(
+        Option.from_field(
+            FIELDS[key],
+            name=f"{signal}.{key}",
+            key="",
+            make=None,
+            default=defaults.get(key),
+            meaning=f"{signal}: {FIELDS[key].meaning}",
+        )
+        for key in keys
+    )
 
 
 # fmt: off
@@ -99,7 +110,7 @@ OF_A_DAMPER = (
     tunable("wait_for_current_s", 0.0,
             "longest time for which a position waits until a current stamped no earlier is known [s]; 0: no waiting",
             0.0, 10.0),
-    tunable("still_warn_s", 1.0,
+    tunable("still_warn_s", HealthLimits.STILL_S,
             "time without any change of position after which a warning is given: vehicle at rest, or stuck sensor [s]; "
             "0: never", 0.0, HOUR_S),
     Option("compare_force", True, "compare the estimate with the measured force on force.topic, if there is one"),
@@ -111,7 +122,6 @@ OF_A_DAMPER = (
 # Never common to several dampers: their estimates would look like one.
 NAME = Option("name", "", "joint name in the estimate; empty: the one in position.field, else the damper's")
 
-MAX_CURRENT_A = 100.0
 FROM_THE_MODEL = -1.0
 SPEEDS, FORCES = "curve.speeds_m_s", "curve.forces_N"
 CURVE = (
@@ -136,20 +146,10 @@ LOOP = (
             "largest difference between an estimate's stamp and the clock at which the estimate is used [s]; 0: any",
             0.0, HOUR_S),
 )
-TUNING = (
-    tunable("low_A", 0.29, "lowest current to command [A]", 0.0, MAX_CURRENT_A),
-    tunable("high_A", 0.70, "highest current to command [A]", 0.0, MAX_CURRENT_A),
-    tunable("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0, MAX_CURRENT_A),
-    tunable("rate_A_s", 100.0, "fastest change of the command [A/s]", 0.01, 1e6),
-    tunable("timeout_s", 0.05, "time without estimates after which the safe current is commanded [s]", 0.005, 10.0),
-    tunable("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", 0.0, 100.0),
-    tunable("settle_m", 0.003, "stroke after a reversal from which the force is fed back [m]", 0.0, 1.0),
-    tunable("valve_lag_s", FROM_THE_MODEL,
-            "lag of the force behind the current that the command's lead compensates [s]; 0: no lead; negative: the "
-            "model's lag minus preview_s", FROM_THE_MODEL, 0.2),
-    tunable("preview_s", 0.006, "time by which the feed-forward predicts the speed [s]", 0.0, 0.05),
-    tunable("lead_filter_s", 0.003, "time constant of the filters of lead and preview [s]", 0.0, 0.1),
-    tunable("recovery_s", 0.2, "time of fading in after an interruption [s]", 0.0, 60.0),
+OF_THE_MODEL = {"default": FROM_THE_MODEL, "low": FROM_THE_MODEL}
+TUNING = tuple(
+    Option.from_field(declared, live=True, **(OF_THE_MODEL if declared.name == "valve_lag_s" else {}))
+    for declared in record_fields(Tuning).values()
 )
 # fmt: on
 OF_THE_CONTROLLER = (*FIXED, *LOOP, *TUNING, *CURVE)

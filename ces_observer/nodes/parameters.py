@@ -51,35 +51,39 @@ class TableNode(GuardedNode):
 
     def declare_parameters(self, namespace: str, parameters: list[Any], ignore_override: bool = False) -> list[Any]:
         """Do the same as rclpy, but leave empty lists in MAY_BE_EMPTY to `declare`."""
-        typed = [one for one in parameters if not (ignore_override and one[0] in self.MAY_BE_EMPTY and one[1] is None)]
+        typed = [
+            parameter
+            for parameter in parameters
+            if not (ignore_override and parameter[0] in self.MAY_BE_EMPTY and parameter[1] is None)
+        ]
         declared: list[Any] = super().declare_parameters(namespace, typed, ignore_override)
         return declared
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Do the same as rclpy, but refuse first, in the words of rclcpp and of the table."""
         try:
-            for one in parameter_list:
-                self._require_settable(one)
+            for parameter in parameter_list:
+                self._require_settable(parameter)
         except CesError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return super().set_parameters_atomically(parameter_list)
 
-    def _require_settable(self, one: Parameter) -> None:
-        if not self.has_parameter(one.name):
-            raise CesError(f"parameter '{one.name}' cannot be set because it was not declared")
-        descriptor = self.describe_parameter(one.name)
+    def _require_settable(self, parameter: Parameter) -> None:
+        if not self.has_parameter(parameter.name):
+            raise CesError(f"parameter '{parameter.name}' cannot be set because it was not declared")
+        descriptor = self.describe_parameter(parameter.name)
         if descriptor.read_only:
-            raise CesError(f"parameter '{one.name}' cannot be set because it is read-only")
-        if one.name in self.specs:
-            check_given(self.specs[one.name], one)
+            raise CesError(f"parameter '{parameter.name}' cannot be set because it is read-only")
+        if parameter.name in self.specs:
+            check_given(self.specs[parameter.name], parameter)
         else:
-            tables.require_type(one.name, Parameter.Type(descriptor.type).name, one.type_.name)
+            tables.require_type(parameter.name, Parameter.Type(descriptor.type).name, parameter.type_.name)
 
     def refuse_parameters(self, check: Callable[[Sequence[Parameter]], object]) -> None:
         """Refuse changes of parameters for which `check` raises CesError; it does not see those of ROS itself."""
 
         def answer(parameters: Sequence[Parameter]) -> SetParametersResult:
-            own = [one for one in parameters if one.name.partition(".")[0] not in tables.OF_ROS]
+            own = [parameter for parameter in parameters if parameter.name.partition(".")[0] not in tables.OF_ROS]
             try:
                 if own:
                     check(own)
@@ -110,11 +114,13 @@ def declare_table(node: TableNode, table: Iterable[Option], groups: Collection[s
 
 
 def warn_of_unknown(
-    node: Node, known: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
+    node: Node, known_names: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
 ) -> None:
     """Log a warning for each parameter that `find_unknown` returns."""
-    for name in tables.find_unknown(node.get_parameters_by_prefix(""), known, groups, owners):
-        node.get_logger().warning(f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}")
+    for name in tables.find_unknown(node.get_parameters_by_prefix(""), known_names, groups, owners):
+        node.get_logger().warning(
+            f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known_names))}"
+        )
 
 
 def declare(node: TableNode, spec: Option) -> Any:
@@ -216,8 +222,8 @@ def declare_observer(node: TableNode) -> tuple[dict[str, Any], tuple[str, ...]]:
             declare_anew(node, f"{key}.{spec.name}", replace(spec, default=None), "; not set: as for all dampers")
     for prefix in ("", *(f"{key}." for key in keys)):
         _declare_signals(node, prefix)
-    known = {spec.name for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)} | {DAMPERS}
-    warn_of_unknown(node, known, NAMES, keys)
+    known_names = {spec.name for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)} | {DAMPERS}
+    warn_of_unknown(node, known_names, NAMES, keys)
     return values, keys
 
 
@@ -343,8 +349,7 @@ def read_live_settings(node: Node, parameters: Sequence[Parameter], model_lag_s:
 
 def build_live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSettings:
     """Return the settings in `values`, by parameter name; raises CesError if they cannot be used."""
-    field_names = {"timeout_s": "max_gap_s"}
-    tuning = {field_names.get(spec.name, spec.name): values[spec.name] for spec in tables.TUNING}
+    tuning = {spec.name: values[spec.name] for spec in tables.TUNING}
     if tuning["valve_lag_s"] < 0.0:
         tuning["valve_lag_s"] = Tuning.lead_s(model_lag_s, tuning["preview_s"])
     curve = ForceCurve.from_points(values[tables.SPEEDS], values[tables.FORCES])

@@ -12,14 +12,13 @@ from typing import Any
 
 from rclpy.service import Service
 
+from ces_observer.limits import NodeLimits
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.model_check import start_child
 
-PAUSE_S = 60.0  # minimum time between two snapshots of drifts
-MAX_CALL_S = 20.0  # [s] for a call
 RESULTS: dict[int | None, str] = {  # by the exit status of the child, None while it runs
     0: "taken: the recorder has written its last seconds",
-    None: f"not taken: no answer within {MAX_CALL_S:g} s",
+    None: f"not taken: no answer within {NodeLimits.MAX_SNAPSHOT_S:g} s",
     3: "not taken: rosbag2_interfaces is not installed",
     4: "not taken: no recorder in snapshot mode; start 'ros2 bag record --snapshot-mode' for the topics to keep",
     5: "not taken: the recorder refused",
@@ -32,7 +31,7 @@ class Snapshots:
     def __init__(self, node: GuardedNode, name: str, after_s: float) -> None:
         self._node, self._name, self._after_s = node, name, after_s
         self._due_s: float | None = None
-        self._asked_s = -PAUSE_S
+        self._asked_s = -NodeLimits.SNAPSHOT_PAUSE_S
         self._child: subprocess.Popen[bytes] | None = None
         self._service: Service | None = None
         self.state = "none taken" if name else "off"
@@ -44,7 +43,7 @@ class Snapshots:
     def note_drift(self, drift: str) -> bool:
         """Plan a snapshot that has the seconds after a drift in it, too; return whether there will be one."""
         now = monotonic()
-        if not self._name or self._due_s is not None or now - self._asked_s < PAUSE_S:
+        if not self._name or self._due_s is not None or now - self._asked_s < NodeLimits.SNAPSHOT_PAUSE_S:
             return False
         self._node.get_logger().warning(f"{drift}; a snapshot is taken in {self._after_s:g} s")
         self._due_s, self.state = now + self._after_s, f"due within {self._after_s:g} s"
@@ -55,7 +54,7 @@ class Snapshots:
         now = monotonic()
         if self._child is not None:
             status = self._child.poll()
-            if status is None and now - self._asked_s < MAX_CALL_S:
+            if status is None and now - self._asked_s < NodeLimits.MAX_SNAPSHOT_S:
                 return
             self._end_call()
             self.state = RESULTS.get(status, f"not taken: the call ended with status {status}")

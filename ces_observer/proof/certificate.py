@@ -8,8 +8,8 @@ of convex functions of the pressures P, strictly so for U: the step has one solu
 (the conjugate of the function with gradient U) grows in a step by at most T (v a' P - P' L(P)): only the motion feeds
 it. The model holds its pressures and its force within bounds: both stay bounded whatever the input and the rounding.
 
-`forgets_s` is the time after which two runs of the same input, from any two states, differ by less than FORGOTTEN of
-the width of the force envelope.
+`forgets_s` is the time after which two runs of the same input, from any two states, differ by less than
+FORGOTTEN of the width of the force envelope.
 
 The bounds hold from a restart on: `envelope_N` while all inputs since then were in the envelope, `force_bound_N` for
 any inputs.
@@ -23,9 +23,8 @@ from dataclasses import dataclass
 from math import ceil, floor, inf, isfinite, log
 from typing import Any
 
+from ces_observer.limits import ProofLimits
 from ces_observer.proof.intervals import up
-
-FORGOTTEN = 0.01  # share of the width of the force envelope: what differs by less is forgotten
 
 
 class Certificate(ABC):
@@ -169,14 +168,14 @@ def contraction_s(gain: float, past_lag: int, input_lag: int, rate_Hz: float) ->
     """
     if not gain < 1.0:
         return inf
-    times = ceil(log(FORGOTTEN) / log(gain)) if gain > 0.0 else 1
+    times = ceil(log(ProofLimits.FORGOTTEN) / log(gain)) if gain > 0.0 else 1
     return up((times * past_lag + input_lag) / rate_Hz)
 
 
 def largest_gain(forget_s: float, past_lag: int, input_lag: int, rate_Hz: float) -> float:
     """Return the largest gain with which a contraction forgets in time, see `contraction_s`; 0 if none does."""
     times = floor((forget_s * rate_Hz - input_lag) / max(past_lag, 1))
-    return float(FORGOTTEN ** (1.0 / times)) if times > 0 else 0.0
+    return float(ProofLimits.FORGOTTEN ** (1.0 / times)) if times > 0 else 0.0
 
 
 ENERGY_CLAIM = "|F| stays bounded for every input; a step has one solution, and only the motion feeds the energy stored"

@@ -13,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from math import inf, nextafter, prod
 from typing import Any, Protocol
 
+from ces_observer.limits import ProofLimits
+
 Interval = tuple[float, float]
 
 
@@ -26,20 +28,20 @@ def down(value: float) -> float:
     return nextafter(value, -inf)
 
 
-def product(one: Interval, two: Interval) -> Interval:
+def product(left: Interval, right: Interval) -> Interval:
     """Return an interval that holds every product of a number of `one` and a number of `two`."""
-    a, b, c, d = one[0] * two[0], one[0] * two[1], one[1] * two[0], one[1] * two[1]
+    a, b, c, d = left[0] * right[0], left[0] * right[1], left[1] * right[0], left[1] * right[1]
     return down(min(a, b, c, d)), up(max(a, b, c, d))
 
 
-def add(one: Interval, two: Interval) -> Interval:
+def add(left: Interval, right: Interval) -> Interval:
     """Return an interval that holds every sum of a number of `one` and a number of `two`."""
-    return down(one[0] + two[0]), up(one[1] + two[1])
+    return down(left[0] + right[0]), up(left[1] + right[1])
 
 
-def largest(one: Interval) -> float:
+def largest(interval: Interval) -> float:
     """Return the largest magnitude in an interval."""
-    return max(abs(one[0]), abs(one[1]))
+    return max(abs(interval[0]), abs(interval[1]))
 
 
 Box = tuple[Interval, ...]  # a range of each variable
@@ -185,9 +187,9 @@ def _centred_form(
         slope = steep[differentiated]
         if slope is None:
             return -inf, inf
-        one = _multiply(product((coefficient, coefficient), slope), others, powers)
+        part = _multiply(product((coefficient, coefficient), slope), others, powers)
         sum_low, sum_high = by_variable.get(variable, (0.0, 0.0))
-        by_variable[variable] = down(sum_low + one[0]), up(sum_high + one[1])
+        by_variable[variable] = down(sum_low + part[0]), up(sum_high + part[1])
     for variable, slope in by_variable.items():
         moved = product(slope, away[variable])
         low, high = down(low + moved[0]), up(high + moved[1])
@@ -208,8 +210,6 @@ def _total(groups: Sequence[Interval]) -> float:
     return total
 
 
-MAX_BOXES = 40_000
-MAX_WORK = 4_000_000  # interval products: a few seconds at most, for any file
 GAIN_GAP = 0.002  # relative distance of bound and actual value at which halving stops
 
 
@@ -218,18 +218,18 @@ def bound_maximum(
     ranges: Mapping[str, Interval],
     enough: float = 0.0,
     gap: float = GAIN_GAP,
-    max_boxes: int = MAX_BOXES,
+    max_boxes: int = ProofLimits.MAX_BOXES,
 ) -> tuple[float, int]:
     """Return an upper bound on the maximum over the `ranges` of the sum over groups of |sum of the group's terms|.
 
     Past forces in the terms are left out. The second number is the count of boxes. The search ends early at a bound of
-    at most `enough`, at an actual value above `enough` unless that is zero, and at MAX_WORK.
+    at most `enough`, at an actual value above `enough` unless that is zero, and at ProofLimits.MAX_WORK.
     """
     sums = Sums(groups)
     root, kinks = sums.root(ranges), sums.kinks()
     heap = [(-sums.bound(root), 0, root)]
     reached = sums.value(root)
-    count, max_boxes = 1, min(max_boxes, MAX_WORK // max(sums.work, 1))
+    count, max_boxes = 1, min(max_boxes, ProofLimits.MAX_WORK // max(sums.work, 1))
     while True:
         bound, _, box = heap[0]
         decided = -bound <= enough or (enough and reached > enough)

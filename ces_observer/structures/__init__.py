@@ -9,9 +9,9 @@ from ces_observer.structures.structure import Structure
 def _find_structures() -> dict[str, type[Structure]]:
     """Return every structure that a module of this folder defines, by the name in model files."""
     modules = (import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__))
-    classes = (one for module in modules for one in vars(module).values() if isinstance(one, type))
-    found = (one for one in classes if issubclass(one, Structure) and not one.__abstractmethods__)
-    return {one.name: one for one in sorted(set(found), key=lambda one: (one.rank, one.name))}
+    classes = (cls for module in modules for cls in vars(module).values() if isinstance(cls, type))
+    structures = (cls for cls in classes if issubclass(cls, Structure) and not cls.__abstractmethods__)
+    return {cls.name: cls for cls in sorted(set(structures), key=lambda cls: (cls.rank, cls.name))}
 
 
 STRUCTURES = _find_structures()

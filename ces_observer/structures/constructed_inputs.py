@@ -17,7 +17,8 @@ from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED, Field
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.intervals import Interval, down, up
 from ces_observer.records import bounded, choice, declare, in_files, part
 from ces_observer.structures.structure import Range, Ranges
@@ -26,10 +27,7 @@ from ces_observer.tick import constructed as tick
 BASE = ("position", "speed", "current")
 RESERVED = (*BASE, "force", "products", "constructed")
 NAME = re.compile(r"(?!.*_(abs|p\d|lag\d))[a-z][a-z0-9_]{0,39}")
-MAX_CONSTRUCTED = 64
-MIN_WIDTH, MAX_WIDTH = 1e-9, 1e6  # [m, m/s, A]; so that no slope overflows
-HZ = (1e-3, 1e5)
-PEAKS = (-1e6, 1e6)  # [m, m/s, A, Hz]
+PEAKS = (-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)  # [m, m/s, A, Hz]
 
 
 def require_name(name: str) -> None:
@@ -74,7 +72,7 @@ class Hysteresis(_Definition):
     name: str = _name()
     kind: str = choice(REQUIRED, "", ("stop", "play"))
     of: str = choice(REQUIRED, "", BASE)
-    half_width: float = bounded(MIN_WIDTH, MAX_WIDTH)
+    half_width: float = bounded(NumberLimits.MIN_WIDTH, NumberLimits.MAX_INPUT)
 
     def range(self, ranges: Ranges) -> Range:
         """Return its range, given those of the inputs."""
@@ -115,8 +113,8 @@ class Frequency(_Definition):
     name: str = _name()
     kind: str = field(default="frequency", init=False, metadata=in_files(Field(choices=("frequency",))))
     time_constant_s: float = _seconds()
-    range_Hz: Range = bounded(*HZ, unit="Hz")
-    floor_m: float = bounded(MIN_WIDTH, MAX_WIDTH, unit="m")
+    range_Hz: Range = bounded(*FileLimits.CONSTRUCTED_HZ, unit="Hz")
+    floor_m: float = bounded(NumberLimits.MIN_WIDTH, NumberLimits.MAX_INPUT, unit="m")
 
     def checked(self) -> Self:
         """Return it; raises ModelError for an empty range."""
@@ -158,8 +156,8 @@ class TriangularMembership(_Definition):
     def checked(self) -> Self:
         """Return it; raises ModelError unless it rises or falls, or both."""
         low, peak, high = self.low, self.peak, self.high
-        falls = low is None or low <= peak - MIN_WIDTH
-        if not (falls and (high is None or high >= peak + MIN_WIDTH)) or low is high is None:
+        falls = low is None or low <= peak - NumberLimits.MIN_WIDTH
+        if not (falls and (high is None or high >= peak + NumberLimits.MIN_WIDTH)) or low is high is None:
             raise ModelError(f"low {low}, peak {peak:g}, high {high}; expected low < peak < high, one not null")
         return self
 
@@ -226,20 +224,20 @@ def make_memberships(
 
 
 def lay_out_constructed(
-    layout: Layout, constructed: Sequence[ConstructedInput], rate_Hz: float, position: int
+    layout: ArrayLayout, constructed: Sequence[ConstructedInput], rate_Hz: float, position: int
 ) -> tuple[int, dict[str, int]]:
     """Write the table of constructed inputs, each after those from which it is computed, for `constructed_update`.
 
     Position, speed and current stand at s[position] and behind it, where the state of the layout ends. Returns the
     place of the table in n, and the place in s of every signal.
     """
-    places = {name: position + i for i, name in enumerate((*BASE, *(one.name for one in constructed)))}
+    places = {name: position + i for i, name in enumerate((*BASE, *(made.name for made in constructed)))}
     layout.state(len(constructed) * (1 + tick.CONSTRUCTED_STATES))
     rows = list[int]()
-    for one in constructed:
-        numbers = one.numbers(rate_Hz)
+    for made in constructed:
+        numbers = made.numbers(rate_Hz)
         padding = (0.0,) * (tick.CONSTRUCTED_NUMBERS - len(numbers))
-        rows += [list(KINDS).index(one.kind), places[one.signals[0]], layout.table((*numbers, *padding))]
+        rows += [list(KINDS).index(made.kind), places[made.signals[0]], layout.table((*numbers, *padding))]
     return layout.indices(rows), places
 
 
@@ -254,14 +252,14 @@ KINDS = {  # in the order of their numbers in the tick
 
 def with_bases(definitions: Iterable[ConstructedInput]) -> dict[str, ConstructedInput]:
     """Return definitions by name, memberships with those before them that they are of; raises ModelError."""
-    known: dict[str, ConstructedInput] = {}
-    for i, one in enumerate(definitions):
-        if one.name in known:
-            raise ModelError(f"constructed[{i}]: name '{one.name}' occurs twice; expected a name for each input")
-        known[one.name] = one
-        if isinstance(one, TriangularMembership) and one.of not in BASE:
-            smooth = {name: base for name, base in known.items() if not isinstance(base, TriangularMembership)}
-            if one.of not in smooth:
-                raise ModelError(f"constructed[{i}]: of is {one.of!r}; expected one of {', '.join((*BASE, *smooth))}")
-            known[one.name] = replace(one, base=smooth[one.of])
-    return known
+    by_name: dict[str, ConstructedInput] = {}
+    for i, made in enumerate(definitions):
+        if made.name in by_name:
+            raise ModelError(f"constructed[{i}]: name '{made.name}' occurs twice; expected a name for each input")
+        by_name[made.name] = made
+        if isinstance(made, TriangularMembership) and made.of not in BASE:
+            smooth = {name: base for name, base in by_name.items() if not isinstance(base, TriangularMembership)}
+            if made.of not in smooth:
+                raise ModelError(f"constructed[{i}]: of is {made.of!r}; expected one of {', '.join((*BASE, *smooth))}")
+            by_name[made.name] = replace(made, base=smooth[made.of])
+    return by_name

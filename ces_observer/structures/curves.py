@@ -15,19 +15,17 @@ from math import log
 from typing import Any, Self
 
 from ces_observer.errors import ModelError
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.records import bounded
 from ces_observer.structures.structure import require_length
 from ces_observer.tick.curves import MIN_RISE
 
-MAX_NODES = 64
-MAX_VALUE = 1e9
-MIN_OPENING = 1e-12  # of a bypass
-MIN_SLOPE, MAX_SLOPE = 1e-15, 1e12  # far beyond those of any damper's curve, in any of its units
 
-
-def nodes(key: str, min_count: int = 2, max_count: int = MAX_NODES, low: float = -MAX_VALUE) -> Any:
+def nodes(
+    key: str, min_count: int = 2, max_count: int = FileLimits.MAX_ITEMS, low: float = -NumberLimits.MAX_NUMBER
+) -> Any:
     """Declare the coordinates of a curve's nodes, or rows of them."""
-    return bounded(low, MAX_VALUE, key=key, min_count=min_count, max_count=max_count)
+    return bounded(low, NumberLimits.MAX_NUMBER, key=key, min_count=min_count, max_count=max_count)
 
 
 @dataclass(frozen=True)
@@ -62,12 +60,12 @@ def require_rising(name: str, values: Sequence[float], count: int | None = None)
         raise ModelError(f"{name} does not rise from number to number; identify the model again")
 
 
-def check_slopes(at: Sequence[float], values: Sequence[float], least: float = MIN_SLOPE) -> None:
+def check_slopes(at: Sequence[float], values: Sequence[float], least: float = NumberLimits.SLOPES[0]) -> None:
     """Raise ModelError if a curve is too steep, or flatter than `least`, for a step that loses no digits."""
     for (x, y), (x1, y1) in pairwise(zip(at, values, strict=True)):
         slope = (y1 - y) / (x1 - x)
-        if not least <= abs(slope) <= MAX_SLOPE:
-            expected = f"expected {least:g} to {MAX_SLOPE:g}: identify the model again"
+        if not least <= abs(slope) <= NumberLimits.SLOPES[1]:
+            expected = f"expected {least:g} to {NumberLimits.SLOPES[1]:g}: identify the model again"
             raise ModelError(f"a slope of {slope:g} from {x:g} on; {expected}")
 
 
@@ -78,15 +76,12 @@ def check_over_stroke(name: str, position_m: Sequence[float], values: Sequence[f
     check_slopes(position_m, values, 0.0)
 
 
-MAX_CURVES = 16
-
-
 @dataclass(frozen=True)
 class FlowMap:
     """Forces [N] over `at` [m/s]: `rows[k]` at the setting k / (rows - 1), each rising strictly; one for all."""
 
     at: tuple[float, ...] = nodes("flow_m_s")
-    rows: tuple[tuple[float, ...], ...] = nodes("force_N", 1, MAX_CURVES)
+    rows: tuple[tuple[float, ...], ...] = nodes("force_N", 1, FileLimits.MAX_CURVES)
 
     def checked(self) -> Self:
         """Return it; raises ModelError unless each curve rises through the origin."""
@@ -104,7 +99,7 @@ class Bypass:
     """A bypass over the stroke [m]: flow [m/s] over the root of the drop [N], geometric between nodes."""
 
     position_m: tuple[float, ...] = nodes("position_m")
-    values: tuple[float, ...] = nodes("opening", low=MIN_OPENING)
+    values: tuple[float, ...] = nodes("opening", low=NumberLimits.MIN_OPENING)
 
     def checked(self) -> Self:
         """Return it; raises ModelError if it is no curve over the stroke."""

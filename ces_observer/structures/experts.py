@@ -12,7 +12,8 @@ from itertools import chain
 from typing import Self
 
 from ces_observer.errors import ModelError
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import FileLimits
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
 from ces_observer.records import items, part
@@ -23,7 +24,6 @@ from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.model import S_STRUCTURE
 from ces_observer.tick.structure import EXPERTS
 
-MAX_EXPERTS = 64
 ROWS, NUMBERS = ("gate", "linear", "bend"), ("past", "past_bend", "room")  # of an expert
 CLAIM = (
     "|dF/dF(k-1)| <= gain < 1 for any past and inputs; "
@@ -54,10 +54,10 @@ class Experts(Structure):
     name, section, option, rank = "gated_experts", "experts", "experts", 4
     number, runs = EXPERTS, (lagged_reset, tick.experts_tick)
 
-    inputs: tuple[lagged.Regressor, ...] = items(1, lagged.MAX_REGRESSORS)
+    inputs: tuple[lagged.Regressor, ...] = items(1, FileLimits.MAX_ITEMS)
     past_force: lagged.Regressor = part()
     scale_N: float = lagged.spread("N")
-    experts: tuple[Expert, ...] = items(1, MAX_EXPERTS)
+    experts: tuple[Expert, ...] = items(1, FileLimits.MAX_ITEMS)
 
     @property
     def size(self) -> str:
@@ -73,7 +73,7 @@ class Experts(Structure):
                 require_length(f"experts[{i}]: {name}", getattr(expert, name), len(self.inputs) + 1)
         return self
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the experts into a layout, for `ces_observer.tick.experts`."""
         layout.reserve(tick.P_EXPERTS, tick.N_EXPERTS, S_STRUCTURE, K_LAGGED)
         lagged.fill_lagged(layout, (*self.inputs, self.past_force))

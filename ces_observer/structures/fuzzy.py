@@ -19,23 +19,19 @@ from typing import Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
 from ces_observer.records import bounded, choice, items
 from ces_observer.structures import lagged_signals as lagged
-from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure, require_length
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure, require_length
 from ces_observer.tick import fuzzy as tick
 from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.structure import FUZZY
 
 INPUTS = ("speed", "current", "position")
-MAX_RULES = 200
-MAX_PREMISES = 6
-MAX_MEMBERSHIPS = 200
 STEEPEST = 0.5 * tick.MAX_FUZZY_EXPONENT
-MIN_WIDTH = 1e-6  # [m, m/s, A]; with STEEPEST and lagged.MAX_NUMBER, so that no power overflows
-MIN_FIRING = 1e-200  # so that the shares do not underflow
 CLAIM = "sum_j |a_j| <= gain < 1 in every rule, so in every blend; |b| <= drive_N for every input in the input envelope"
 METHOD = "convex blend of the rules; interval arithmetic, outward rounding"
 
@@ -45,7 +41,7 @@ class Bell:
     """A generalised bell 1 / (1 + |(x - centre) / width|^(2 slope)); centre and width in the premise's unit."""
 
     centre: float = lagged.weight()
-    width: float = bounded(MIN_WIDTH, lagged.MAX_NUMBER)
+    width: float = bounded(NumberLimits.MIN_BELL, NumberLimits.MAX_NUMBER)
     slope: float = bounded(0.1, STEEPEST)
 
     def at(self, x: float) -> float:
@@ -58,15 +54,15 @@ class Premise:
     """An input `lag` ticks ago on which the rules depend, and its memberships."""
 
     signal: str = choice(REQUIRED, "", INPUTS)
-    lag: int = bounded(0, MAX_LAG)
-    memberships: tuple[Bell, ...] = items(1, MAX_MEMBERSHIPS)
+    lag: int = bounded(0, FileLimits.MAX_LAG)
+    memberships: tuple[Bell, ...] = items(1, FileLimits.MAX_RULES)
 
 
 @dataclass(frozen=True)
 class Rule:
     """One membership (by index) of each premise, and the affine model that applies there."""
 
-    memberships: tuple[int, ...] = bounded(0, MAX_MEMBERSHIPS - 1)
+    memberships: tuple[int, ...] = bounded(0, FileLimits.MAX_RULES - 1)
     constant: float = lagged.weight()
     linear: tuple[float, ...] = lagged.weight()
 
@@ -78,10 +74,10 @@ class Fuzzy(Structure):
     name, section, option, rank = "anfis", "fuzzy", "anfis", 2
     number, runs = FUZZY, (lagged_reset, tick.fuzzy_tick)
 
-    regressors: tuple[lagged.Regressor, ...] = items(1, lagged.MAX_REGRESSORS)
+    regressors: tuple[lagged.Regressor, ...] = items(1, FileLimits.MAX_ITEMS)
     scale_N: float = lagged.spread("N")
-    premises: tuple[Premise, ...] = items(1, MAX_PREMISES)
-    rules: tuple[Rule, ...] = items(1, MAX_RULES)
+    premises: tuple[Premise, ...] = items(1, FileLimits.MAX_PREMISES)
+    rules: tuple[Rule, ...] = items(1, FileLimits.MAX_RULES)
 
     @property
     def size(self) -> str:
@@ -107,11 +103,11 @@ class Fuzzy(Structure):
 
     def check_over(self, inputs: Ranges) -> None:
         """Raise ModelError if no rule applies in a part of the ranges."""
-        if min_firing(self, inputs) < MIN_FIRING:
+        if min_firing(self, inputs) < NumberLimits.MIN_FIRING:
             text = "no rule applies in a part of the input envelope; expected wider memberships"
             raise ModelError(f"{self.section}: rules: {text}")
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the rules into a layout, for `ces_observer.tick.fuzzy`; the bells of all premises are in one row."""
         layout.reserve(tick.P_FUZZY, tick.N_FUZZY, tick.S_FUZZY, K_LAGGED)
         premises = [lagged.Regressor(p.signal, p.lag, 0.0, 1.0) for p in self.premises]

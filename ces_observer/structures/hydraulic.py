@@ -26,11 +26,12 @@ from typing import Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.certificate import ENERGY_CLAIM, EnergyCertificate
 from ces_observer.records import bounded, choice, part
 from ces_observer.structures import physical
-from ces_observer.structures.curves import MAX_VALUE, Bypass, FlowMap
+from ces_observer.structures.curves import Bypass, FlowMap
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.tick import edges, mount, pressures
 from ces_observer.tick import hydraulic as tick
@@ -82,15 +83,15 @@ class Hydraulic(Structure):
     mount_m_N: float = bounded(0.0, 1.0)
     creep_m_Ns: float = bounded(0.0, 1.0)
     fade_1_W: float = bounded(-1.0, 1.0)
-    reservoir_N: float = bounded(1e-3, MAX_VALUE)
+    reservoir_N: float = bounded(1e-3, NumberLimits.MAX_NUMBER)
     air: float = bounded(0.0, 1e6)
-    most_N: float = bounded(1.0, MAX_VALUE)
-    bypass_laminar_N: float = bounded(1e-6, MAX_VALUE)
-    laminar_N: float = bounded(1e-6, MAX_VALUE)
+    most_N: float = bounded(1.0, NumberLimits.MAX_NUMBER)
+    bypass_laminar_N: float = bounded(1e-6, NumberLimits.MAX_NUMBER)
+    laminar_N: float = bounded(1e-6, NumberLimits.MAX_NUMBER)
     piston_s: float = bounded(0.0, 1.0)
     base_s: float = bounded(0.0, 1.0)
     external_s: float = bounded(0.0, 1.0)
-    friction_growth_1_N: float = bounded(0.0, MAX_VALUE)
+    friction_growth_1_N: float = bounded(0.0, NumberLimits.MAX_NUMBER)
     relax_s: float = bounded(1e-3, NEVER_S, remedy=FORGETS)
     leak_s: float = bounded(1e-3, NEVER_S, remedy=FORGETS)
     piston: FlowMap = part()
@@ -98,7 +99,7 @@ class Hydraulic(Structure):
     external: FlowMap = part()
     bypass: Bypass | None = part(null={})
     side: physical.SideForces = part()
-    reach: float = bounded(1.0, physical.MAX_REACH)
+    reach: float = bounded(1.0, FileLimits.MAX_REACH)
 
     def checked(self) -> Self:
         """Return it; raises ModelError unless all edges have the same flows."""
@@ -118,7 +119,7 @@ class Hydraulic(Structure):
         curves = " and ".join(f"{count} curves of the {edge} valve" for edge, count in counts.items() if count > 1)
         return f"{self.kind}, {curves or 'no valve that the current moves'}{', bypass' if self.bypass else ''}"
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write its numbers into a layout."""
         rate = within.rate_Hz
         layout.reserve(tick.P_HYDRAULIC_END, tick.N_HYDRAULIC_END, tick.S_HYDRAULIC_END, tick.K_HYDRAULIC_END)
@@ -131,7 +132,7 @@ class Hydraulic(Structure):
         self._fill_edges(layout, rate)
         self._fill_chambers(layout, rate)
 
-    def _fill_chambers(self, layout: Layout, rate_Hz: float) -> None:
+    def _fill_chambers(self, layout: ArrayLayout, rate_Hz: float) -> None:
         layout.p[pressures.RATIO] = 1.0 + self.area_ratio
         layout.p[pressures.COMPLIANCE_C] = rate_Hz * self.compression_m_N
         layout.p[pressures.COMPLIANCE_R] = rate_Hz * self.rebound_m_N
@@ -155,7 +156,7 @@ class Hydraulic(Structure):
             layout.n[pressures.BYPASS_POSITIONS] = layout.table(self.bypass.position_m)
             layout.n[pressures.BYPASS_LOGARITHMS] = layout.table(self.bypass.logarithms)
 
-    def _fill_edges(self, layout: Layout, rate_Hz: float) -> None:
+    def _fill_edges(self, layout: ArrayLayout, rate_Hz: float) -> None:
         lags = (self.piston_s, self.base_s, self.external_s)
         for n, (flow, lag) in enumerate(zip((self.piston, self.base, self.external), lags, strict=True)):
             layout.p[edges.EDGE_SHARE + n] = 1.0 / (1.0 + rate_Hz * lag)
@@ -164,7 +165,7 @@ class Hydraulic(Structure):
             layout.n[edges.EDGE_FLOWS + n] = layout.table(flow.at)
             layout.n[edges.EDGE_DROPS + n] = layout.table(chain(*flow.rows))
 
-    def _fill_mount(self, layout: Layout, rate_Hz: float) -> None:
+    def _fill_mount(self, layout: ArrayLayout, rate_Hz: float) -> None:
         springs = self.side.friction
         steps = [spring.stiffness_N_m * (1.0 / rate_Hz) for spring in springs]
         yields, moved = ([getattr(spring, name) for spring in springs] for name in ("yield_N", "moved_N"))

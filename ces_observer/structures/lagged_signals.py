@@ -8,27 +8,25 @@ from typing import Any, Protocol, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.intervals import Interval, add, down, product, up
 from ces_observer.records import bounded, choice
-from ces_observer.structures.structure import MAX_LAG, Ranges
+from ces_observer.structures.structure import Ranges
 from ces_observer.tick import lagged as tick
 
 SIGNALS = ("force", "speed", "current", "position")
 RINGS = ("position", "speed", "current", "force")
-MAX_REGRESSORS = 64
-MAX_NUMBER = 1e9  # weights and means: far beyond any fit, far below overflow
-MIN_SPREAD = 1e-9
 
 
 def weight() -> Any:
     """Declare a weight, a list of weights, or a mean."""
-    return bounded(-MAX_NUMBER, MAX_NUMBER)
+    return bounded(-NumberLimits.MAX_NUMBER, NumberLimits.MAX_NUMBER)
 
 
 def spread(unit: str = "") -> Any:
     """Declare a scale above zero."""
-    return bounded(MIN_SPREAD, MAX_NUMBER, unit=unit)
+    return bounded(NumberLimits.MIN_WIDTH, NumberLimits.MAX_NUMBER, unit=unit)
 
 
 @dataclass(frozen=True)
@@ -39,14 +37,14 @@ class Regressor:
     """
 
     signal: str = choice(REQUIRED, "", SIGNALS)
-    lag: int = bounded(0, MAX_LAG)
+    lag: int = bounded(0, FileLimits.MAX_LAG)
     mean: float = weight()
     spread: float = spread()
 
     def checked(self) -> Self:
         """Return it; raises ModelError for a force of the same tick."""
         if self.signal == "force" and self.lag == 0:
-            raise ModelError(f"lag is 0; expected a whole number from 1 to {MAX_LAG} of a force")
+            raise ModelError(f"lag is 0; expected a whole number from 1 to {FileLimits.MAX_LAG} of a force")
         return self
 
     def interval(self, inputs: Ranges) -> Interval:
@@ -83,7 +81,7 @@ def longest_lags(signals: Iterable[Lagged]) -> tuple[int, int]:
     return past, inputs
 
 
-def fill_lagged(layout: Layout, regressors: Sequence[Regressor]) -> None:
+def fill_lagged(layout: ArrayLayout, regressors: Sequence[Regressor]) -> None:
     """Write regressors and the rings of past ticks that they need into a layout, for `ces_observer.tick.lagged`."""
     depth = 1 + max(r.lag for r in regressors)
     rings = layout.state(len(RINGS) * depth)

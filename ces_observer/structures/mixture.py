@@ -13,33 +13,33 @@ from typing import Self
 
 from ces_observer import structures
 from ces_observer.errors import ModelError
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import NumberLimits
 from ces_observer.proof.certificate import Certificate
 from ces_observer.proof.intervals import up
 from ces_observer.records import OneOf, bounded, items, part
-from ces_observer.structures.structure import MAX_FORCE_N, OperatingRange, Range, Ranges, Structure
+from ces_observer.structures.structure import OperatingRange, Range, Ranges, Structure
 from ces_observer.tick import mixture as tick
 from ces_observer.tick.model import K_STRUCTURE, P_STRUCTURE, S_STRUCTURE
 from ces_observer.tick.structure import MIXTURE
 
 MIN_MEMBERS = 2
-MIN_WEIGHT = 1e-6
 ROUNDING = 1e-9  # of the sum of the weights
 CLAIM = "a convex combination of models, each proved stable; |F| <= force_bound_N, the weighted sum of their bounds"
 METHOD = "weights above 0 that sum to 1; for the members"
 
 
 def _members() -> dict[str, type[Structure]]:
-    return {name: one for name, one in structures.STRUCTURES.items() if name != Mixture.name}
+    return {name: structure for name, structure in structures.STRUCTURES.items() if name != Mixture.name}
 
 
 @dataclass(frozen=True)
 class WeightedModel:
     """A model in the mean: its weight, its structure, and the range [N] in which its own force is held."""
 
-    weight: float = bounded(MIN_WEIGHT, 1.0)
+    weight: float = bounded(NumberLimits.MIN_WEIGHT, 1.0)
     body: Structure = part(kind=OneOf(_members, "structure"), inline=True)
-    force_envelope_N: Range = bounded(-MAX_FORCE_N, MAX_FORCE_N)
+    force_envelope_N: Range = bounded(-NumberLimits.MAX_NUMBER, NumberLimits.MAX_NUMBER)
 
     def within(self, whole: OperatingRange) -> OperatingRange:
         """Return the operating range of the member in a mixture with that of the whole."""
@@ -80,7 +80,7 @@ class MixtureCertificate(Certificate):
     @property
     def doubt(self) -> str:
         """Why a member is not proved."""
-        return next((f"{one.body.option}: {proof.doubt}" for one, proof in self.members if not proof.holds), "")
+        return next((f"{member.body.option}: {proof.doubt}" for member, proof in self.members if not proof.holds), "")
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
@@ -116,8 +116,8 @@ class Mixture(Structure):
     def size(self) -> str:
         """The size, in words."""
         alike: dict[tuple[str, str], list[float]] = {}
-        for one in self.members:
-            alike.setdefault((one.body.option, one.body.size), []).append(one.weight)
+        for member in self.members:
+            alike.setdefault((member.body.option, member.body.size), []).append(member.weight)
         sizes = [
             f"{fsum(weights):.2f} {option} ({f'{len(weights)} times ' if len(weights) > 1 else ''}{size})"
             for (option, size), weights in alike.items()
@@ -152,7 +152,7 @@ class Mixture(Structure):
             total += member.weight * min(max(force, low), high)
         return total
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the members into a layout, the arrays of one behind those of the other."""
         layout.reserve(P_STRUCTURE, tick.N_MIXTURE, S_STRUCTURE, K_STRUCTURE)
         layout.n[tick.MIXTURE_MEMBERS] = len(self.members)

@@ -13,7 +13,8 @@ from itertools import chain
 from math import exp
 from typing import Self
 
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import FileLimits
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import Interval, add, largest, product, up
 from ces_observer.records import items
@@ -24,7 +25,6 @@ from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.model import S_STRUCTURE
 from ces_observer.tick.structure import SIGMOID
 
-MAX_UNITS = 200
 CLAIM = (
     "sum_j |dF/dF(k-j)| <= gain < 1 for any past and inputs; "
     "|F| <= drive_N for a past of zeros and every input in the input envelope"
@@ -50,11 +50,11 @@ class Network(Structure):
     name, section, option, rank = "sigmoid_narx", "network", "sigmoid", 1
     number, runs = SIGMOID, (lagged_reset, tick.sigmoid_tick)
 
-    regressors: tuple[lagged.Regressor, ...] = items(1, lagged.MAX_REGRESSORS)
+    regressors: tuple[lagged.Regressor, ...] = items(1, FileLimits.MAX_ITEMS)
     scale_N: float = lagged.spread("N")
     constant: float = lagged.weight()
     linear: tuple[float, ...] = lagged.weight()
-    units: tuple[SigmoidUnit, ...] = items(0, MAX_UNITS)
+    units: tuple[SigmoidUnit, ...] = items(0, FileLimits.MAX_RULES)
 
     @property
     def size(self) -> str:
@@ -70,7 +70,7 @@ class Network(Structure):
             require_length(where, numbers, len(self.regressors))
         return self
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.sigmoid`."""
         layout.reserve(tick.P_SIGMOID, tick.N_SIGMOID, S_STRUCTURE, K_LAGGED)
         lagged.fill_lagged(layout, self.regressors)

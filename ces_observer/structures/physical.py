@@ -14,15 +14,14 @@ from dataclasses import dataclass
 from math import inf
 from typing import Self
 
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.intervals import up
 from ces_observer.records import bounded, items, part
-from ces_observer.structures.curves import MAX_VALUE, IncreasingCurve, check_over_stroke, interpolate, nodes
-from ces_observer.structures.structure import INPUTS, MAX_LAG, OperatingRange, Range, Ranges
+from ces_observer.structures.curves import IncreasingCurve, check_over_stroke, interpolate, nodes
+from ces_observer.structures.structure import INPUTS, OperatingRange, Range, Ranges
 from ces_observer.tick import hydraulic as tick
 from ces_observer.tick import valve
-
-MAX_REACH = 10.0
 
 
 def widen(inputs: Ranges, reach: float) -> dict[str, Range]:
@@ -41,7 +40,6 @@ def _about_middle(one: Range, reach: float) -> Range:
 
 
 PLAYS = (1.0 / 3.0, 1.0, 5.0 / 3.0)  # half widths relative to their mean
-MAX_LAG_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -49,16 +47,16 @@ class ValvePath:
     """The valve's characteristic (setting over current [A], from 0 to 1) and its dynamics."""
 
     characteristic: IncreasingCurve = part(inline=True)
-    delay_ticks: float = bounded(0.0, MAX_LAG - 1)
+    delay_ticks: float = bounded(0.0, FileLimits.MAX_LAG - 1)
     hysteresis_A: float = bounded(0.0, 1e3)
-    rise_s: float = bounded(0.0, MAX_LAG_S)
-    fall_s: float = bounded(0.0, MAX_LAG_S)
+    rise_s: float = bounded(0.0, FileLimits.MAX_VALVE_S)
+    fall_s: float = bounded(0.0, FileLimits.MAX_VALVE_S)
 
     def steady(self, current_A: float) -> float:
         """Return the setting at a constant current [A], in the middle of the magnetic loop."""
         return min(max(interpolate(self.characteristic.at, self.characteristic.values, current_A), 0.0), 1.0)
 
-    def fill(self, layout: Layout, interval_s: float) -> None:
+    def fill(self, layout: ArrayLayout, interval_s: float) -> None:
         """Write its numbers for `ces_observer.tick.valve`, at ticks of `interval_s`."""
         whole = int(self.delay_ticks)
         layout.p[valve.VALVE_PART] = self.delay_ticks - whole
@@ -72,30 +70,26 @@ class ValvePath:
         layout.n[valve.VALVE_RING] = layout.state(whole + 2)
 
 
-MAX_FRICTION = 8
-MAX_LEAD_S = 0.1
-
-
 @dataclass(frozen=True)
 class FrictionElement:
     """A spring whose force is limited: stiffness [N/m], yield force [N], and how much the valve's setting adds [N]."""
 
     stiffness_N_m: float = bounded(1e-9, 1e12)
-    yield_N: float = bounded(0.0, MAX_VALUE)
-    moved_N: float = bounded(0.0, MAX_VALUE, default=0.0)
+    yield_N: float = bounded(0.0, NumberLimits.MAX_NUMBER)
+    moved_N: float = bounded(0.0, NumberLimits.MAX_NUMBER, default=0.0)
 
 
 @dataclass(frozen=True)
 class SideForces:
     """The drive's lead and the forces beside the oil's; `gas_N` is the force over `position_m`, straight beyond."""
 
-    lead_s: float = bounded(-MAX_LEAD_S, MAX_LEAD_S)
-    max_acceleration_m_s2: float = bounded(0.0, MAX_VALUE)
-    viscous_Ns_m: float = bounded(0.0, MAX_VALUE)
-    mass_kg: float = bounded(0.0, MAX_VALUE)
+    lead_s: float = bounded(-FileLimits.MAX_LEAD_S, FileLimits.MAX_LEAD_S)
+    max_acceleration_m_s2: float = bounded(0.0, NumberLimits.MAX_NUMBER)
+    viscous_Ns_m: float = bounded(0.0, NumberLimits.MAX_NUMBER)
+    mass_kg: float = bounded(0.0, NumberLimits.MAX_NUMBER)
     position_m: tuple[float, ...] = nodes("position_m")
     gas_N: tuple[float, ...] = nodes("gas_N")
-    friction: tuple[FrictionElement, ...] = items(0, MAX_FRICTION)
+    friction: tuple[FrictionElement, ...] = items(0, FileLimits.MAX_FRICTION)
 
     def checked(self) -> Self:
         """Return it; raises ModelError if the gas force is no curve over the stroke."""
@@ -123,7 +117,7 @@ class SideForces:
         """Bound on the force of all friction elements [N]."""
         return sum(one.yield_N + one.moved_N for one in self.friction) * (1.0 + 1e-12)
 
-    def fill(self, layout: Layout, interval_s: float) -> None:
+    def fill(self, layout: ArrayLayout, interval_s: float) -> None:
         """Write its numbers for `ces_observer.tick.hydraulic`, without friction, at ticks of `interval_s`."""
         layout.p[tick.DRIVE_LEAD] = self.lead_s
         layout.p[tick.MAX_ACCELERATION] = self.max_acceleration_m_s2

@@ -18,27 +18,14 @@ from typing import Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import Field
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import FileLimits
 from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import bound_maximum, down
 from ces_observer.records import OneOf, in_files, items
-from ces_observer.structures.constructed_inputs import (
-    BASE,
-    KINDS,
-    MAX_CONSTRUCTED,
-    ConstructedInput,
-    lay_out_constructed,
-    with_bases,
-)
+from ces_observer.structures.constructed_inputs import BASE, KINDS, ConstructedInput, lay_out_constructed, with_bases
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
-from ces_observer.structures.terms import (
-    MAX_TERMS,
-    Factor,
-    Term,
-    check_products,
-    collect_constructed,
-    define_factors,
-)
+from ces_observer.structures.terms import Factor, Term, check_products, collect_constructed, define_factors
 from ces_observer.tick import polynomial as tick
 from ces_observer.tick.structure import POLYNOMIAL
 
@@ -54,7 +41,7 @@ DEFINITIONS = Field(
     kind=OneOf(KINDS),
     many=True,
     min_count=1,
-    max_count=MAX_CONSTRUCTED,
+    max_count=FileLimits.MAX_ITEMS,
 )
 
 
@@ -68,7 +55,7 @@ class Polynomial(Structure):
     definitions: tuple[ConstructedInput, ...] = field(
         default=(), kw_only=True, repr=False, metadata=in_files(DEFINITIONS)
     )
-    terms: tuple[Term, ...] = items(1, MAX_TERMS)
+    terms: tuple[Term, ...] = items(1, FileLimits.MAX_TERMS)
 
     def checked(self) -> Self:
         """Return it with the definitions at the factors; raises ModelError."""
@@ -88,7 +75,7 @@ class Polynomial(Structure):
         """The size, in words."""
         return f"{len(self.terms)} terms"
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the tables of the tick; raises ModelError for a number that is not finite or an unknown signal."""
         for term in self.terms:
             _require_finite(term)
@@ -110,11 +97,11 @@ class Polynomial(Structure):
     @property
     def keeps_past(self) -> bool:  # type: ignore[override]  # of other structures, none does
         """True if an input has hysteresis."""
-        return any(one.kind in HYSTERESES for one in self.constructed)
+        return any(made.kind in HYSTERESES for made in self.constructed)
 
     def _forgets_s(self, gain: float, rate_Hz: float) -> float:
         """Return how long the past counts; it is not proved for constructed inputs with a past of their own."""
-        if any(one.kind != "hat" for one in self.constructed):
+        if any(made.kind != "hat" for made in self.constructed):
             return inf
         past = max((term.output_lag for term in self.terms), default=0)
         return contraction_s(gain, past, max((f.lag for t in self.terms for f in t.inputs), default=0), rate_Hz)
@@ -135,7 +122,7 @@ def _require_finite(term: Term) -> None:
 
 
 def _lay_out_powers(
-    layout: Layout, factors: Iterable[Factor], signals: Mapping[str, int], ranges: Ranges
+    layout: ArrayLayout, factors: Iterable[Factor], signals: Mapping[str, int], ranges: Ranges
 ) -> dict[Factor, int]:
     """Write the table of powers; returns the place in s of each factor's value of the same tick."""
     powers = dict[Factor, tuple[int, float, bool]]()
@@ -151,15 +138,15 @@ def _lay_out_powers(
     return {f: places[powers[f]] if f in powers else signals[f.signal] for f in factors}
 
 
-def _lay_out_terms(layout: Layout, terms: Sequence[Term], values: Mapping[Factor, int]) -> None:
+def _lay_out_terms(layout: ArrayLayout, terms: Sequence[Term], values: Mapping[Factor, int]) -> None:
     """Write the tables of lags and terms; `values` are the places in s of the factors without their lags."""
     lagged = {key: layout.state(1) for key in sorted({(place, f.lag) for f, place in values.items() if f.lag})}
-    first = layout.state(sum(max(0, len(term.inputs) - 2) for term in terms))
+    state_at = layout.state(sum(max(0, len(term.inputs) - 2) for term in terms))
     groups = {lag: [term for term in terms if term.output_lag == lag] for lag in (0, *(t.output_lag for t in terms))}
     products, rows = list[Row](), list[Row]()
     for term in chain.from_iterable(groups.values()):
         factors = [lagged[values[f], f.lag] if f.lag else values[f] for f in term.inputs]
-        *more, last = _rows(term.coefficient, factors, first + len(products))
+        *more, last = _rows(term.coefficient, factors, state_at + len(products))
         products += more
         rows.append(last)
     inputs = groups.pop(0)
@@ -184,10 +171,10 @@ def _rows(coefficient: float, factors: Sequence[int], product: int) -> list[Row]
     while len(factors) > 2:
         rows.append((coefficient, factors[0], factors[1]))
         coefficient, factors = 1.0, [product + len(rows) - 1, *factors[2:]]
-    one, two = [*factors, tick.UNITY, tick.UNITY][:2]
-    return [*rows, (coefficient, one, two)]
+    first_factor, second_factor = [*factors, tick.UNITY, tick.UNITY][:2]
+    return [*rows, (coefficient, first_factor, second_factor)]
 
 
-def _ring(layout: Layout, lag: int) -> tuple[int, int]:
+def _ring(layout: ArrayLayout, lag: int) -> tuple[int, int]:
     begin = layout.state(lag)
     return begin, begin + lag

@@ -24,10 +24,11 @@ from typing import ClassVar, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.fields import REQUIRED
-from ces_observer.flat import Layout
-from ces_observer.proof.certificate import FORGOTTEN, Certificate
+from ces_observer.flat import ArrayLayout
+from ces_observer.limits import FileLimits, NumberLimits, ProofLimits
+from ces_observer.proof.certificate import Certificate
 from ces_observer.records import bounded, choice, items
-from ces_observer.structures.lagged_signals import MAX_NUMBER, spread, weight
+from ces_observer.structures.lagged_signals import spread, weight
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure, require_length
 from ces_observer.tick import recurrent as tick
 from ces_observer.tick.model import K_STRUCTURE
@@ -36,9 +37,6 @@ from ces_observer.tick.structure import RECURRENT
 SPEED, ROOT, SIZE, POSITION, CURRENT = "speed", "speed_root", "speed_size", "position", "current"
 MOTION = (SPEED, ROOT, SIZE, POSITION)
 PLACES = {name: tick.SIGNAL_SPEED + i for i, name in enumerate((*MOTION, CURRENT))}  # in s
-MAX_MEMBERS, MAX_WIDTH = 8, 64
-DECAY_S = (1e-4, 1.0)  # a filter's decay time
-MAX_FREQUENCY_HZ = 1e5
 STEP_S, MAX_STEPS = 0.02, 3000  # of the bounds on what differs
 WIDENED = 1.0 + 1e-9  # of bounds, more than rounding changes them
 CLAIM = (
@@ -50,8 +48,8 @@ METHOD = "poles within the unit circle, |tanh| <= 1, inputs clamped to the envel
 Row = tuple[float, ...]
 
 
-def _dot(one: Sequence[float], two: Sequence[float]) -> float:
-    return float(sum(map(mul, one, two)))
+def _dot(left: Sequence[float], right: Sequence[float]) -> float:
+    return float(sum(map(mul, left, right)))
 
 
 @dataclass(frozen=True)
@@ -81,13 +79,13 @@ def _speed_values(speed: float, smoothing_m_s: float) -> tuple[float, float, flo
 class Stage:
     """Filters and a layer of tanh; matrices are listed by rows, those of `drive` first real, then imaginary parts."""
 
-    decay_s: Row = bounded(*DECAY_S, unit="s", max_count=MAX_WIDTH)
-    frequency_Hz: Row = bounded(-MAX_FREQUENCY_HZ, MAX_FREQUENCY_HZ)
+    decay_s: Row = bounded(*FileLimits.FILTER_S, unit="s", max_count=FileLimits.MAX_ITEMS)
+    frequency_Hz: Row = bounded(-FileLimits.MAX_FILTER_HZ, FileLimits.MAX_FILTER_HZ)
     drive: Row = weight()
     hidden: Row = weight()
-    hidden_bias: Row = bounded(-MAX_NUMBER, MAX_NUMBER, max_count=MAX_WIDTH)
+    hidden_bias: Row = bounded(-NumberLimits.MAX_NUMBER, NumberLimits.MAX_NUMBER, max_count=FileLimits.MAX_ITEMS)
     out: Row = weight()
-    out_bias: Row = bounded(-MAX_NUMBER, MAX_NUMBER, max_count=MAX_WIDTH)
+    out_bias: Row = bounded(-NumberLimits.MAX_NUMBER, NumberLimits.MAX_NUMBER, max_count=FileLimits.MAX_ITEMS)
 
     @property
     def kept(self) -> Row:
@@ -105,7 +103,7 @@ class Stage:
         angles = [2.0 * pi * frequency / rate_Hz for frequency in self.frequency_Hz]
         return [complex(r * math.cos(a), r * math.sin(a)) for r, a in zip(sizes, angles, strict=True)]
 
-    def fill(self, layout: Layout, rate_Hz: float, source: int, results: int) -> list[int]:
+    def fill(self, layout: ArrayLayout, rate_Hz: float, source: int, results: int) -> list[int]:
         """Write the stage into a layout; return its counts. Inputs and outputs begin at `source` and `results` in s."""
         width = 2 * len(self.decay_s) + self.inputs
         poles = [(pole, 1.0 / (1.0 - pole)) for pole in self.poles(rate_Hz)]
@@ -121,7 +119,7 @@ class Stage:
             tick.STAGE_OUTPUTS: len(self.out_bias),
             tick.STAGE_SOURCE: source,
             tick.STAGE_RESULTS: results,
-            tick.STAGE_POLES: layout.table(x for pair in poles for one in pair for x in (one.real, one.imag)),
+            tick.STAGE_POLES: layout.table(x for pair in poles for signal in pair for x in (signal.real, signal.imag)),
             tick.STAGE_JOINED: layout.state(len(self.hidden_bias) + width),
         }
         for place, (matrix, columns, biases) in zip(range(tick.STAGE_DRIVE, tick.STAGE_JOINED), layers, strict=True):
@@ -142,15 +140,15 @@ class Stage:
     @cached_property
     def slopes(self) -> list[Row]:
         """Bounds on the derivatives of each output by the size of the states, then by the inputs; |tanh'| <= 1."""
-        count, first = len(self.decay_s), len(self.hidden_bias)
+        count, hidden = len(self.decay_s), len(self.hidden_bias)
         sizes = [_by_state(row, count) for row in cut(self.hidden, 2 * count + self.inputs)]
         return [
             tuple(
-                own + _dot([abs(weight) for weight in row[:first]], column)
+                own + _dot([abs(weight) for weight in row[:hidden]], column)
                 for own, column in zip(direct, zip(*sizes, strict=True), strict=True)
             )
-            for row in cut(self.out, first + 2 * count + self.inputs)
-            for direct in [_by_state(row[first:], count)]
+            for row in cut(self.out, hidden + 2 * count + self.inputs)
+            for direct in [_by_state(row[hidden:], count)]
         ]
 
     def differences(self, states: Sequence[float], inputs: Sequence[float]) -> list[float]:
@@ -159,14 +157,14 @@ class Stage:
 
     def bound(self, inputs: Sequence[float], rate_Hz: float) -> list[float]:
         """Return bounds on the size of the outputs for inputs of bounded sizes."""
-        count, first = len(self.decay_s), len(self.hidden_bias)
+        count, hidden = len(self.decay_s), len(self.hidden_bias)
         states = self.bound_states(inputs, rate_Hz)
-        found = []
-        for bias, row in zip(self.out_bias, cut(self.out, first + 2 * count + len(inputs)), strict=True):
-            tanhs, real, imag, direct = row[:first], row[first:][:count], row[first + count :], row[-len(inputs) :]
+        bounds = []
+        for bias, row in zip(self.out_bias, cut(self.out, hidden + 2 * count + len(inputs)), strict=True):
+            tanhs, real, imag, direct = row[:hidden], row[hidden:][:count], row[hidden + count :], row[-len(inputs) :]
             linear = _dot(list(map(hypot, real, imag[:count])), states) + _dot(list(map(abs, direct)), inputs)
-            found.append(abs(bias) + sum(map(abs, tanhs)) + linear)
-        return found
+            bounds.append(abs(bias) + sum(map(abs, tanhs)) + linear)
+        return bounds
 
     def check_sizes(self, where: str, inputs: int, outputs: int) -> None:
         """Raise ModelError unless its lists fit the numbers of inputs and outputs."""
@@ -230,7 +228,7 @@ class Member:
         factors = [] if self.current is None else self.current.bound(current, rate_Hz)
         return force + _dot(scaled, factors)
 
-    def fill(self, layout: Layout, rate_Hz: float, scaled: int) -> list[int]:
+    def fill(self, layout: ArrayLayout, rate_Hz: float, scaled: int) -> list[int]:
         """Write the member into a layout; return the counts of its stages. Its inputs begin at `scaled` in s."""
         between, forces = layout.state(len(self.first.out_bias)), layout.state(len(self.second.out_bias))
         counts = self.first.fill(layout, rate_Hz, scaled, between) + self.second.fill(layout, rate_Hz, between, forces)
@@ -294,7 +292,7 @@ class Recurrent(Structure):
     smoothing_m_s: float = spread("m/s")
     motion: tuple[ScaledInput, ...] = items(1, len(MOTION))
     current: tuple[ScaledInput, ...] = items(0, 1)
-    members: tuple[Member, ...] = items(1, MAX_MEMBERS)
+    members: tuple[Member, ...] = items(1, FileLimits.MAX_MEMBERS)
 
     def checked(self) -> Self:
         """Return it; raises ModelError unless inputs and stages fit together."""
@@ -321,7 +319,7 @@ class Recurrent(Structure):
     @property
     def parameters(self) -> int:
         """Number of parameters of all members."""
-        names = [one.name for one in fields(Stage)]
+        names = [declared.name for declared in fields(Stage)]
         return sum(len(getattr(stage, name)) for stage in self.all_stages for name in names)
 
     def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
@@ -329,7 +327,7 @@ class Recurrent(Structure):
         middle = 0.5 * sum(within.inputs[POSITION])
         return self.make_predictor(within).tick(middle, speed_m_s, current_A)
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.recurrent`."""
         layout.reserve(tick.P_RECURRENT, tick.N_RECURRENT, tick.S_RECURRENT, K_STRUCTURE)
         inputs = (*self.motion, *self.current)
@@ -341,8 +339,10 @@ class Recurrent(Structure):
         layout.n[tick.RECURRENT_STAGES] = len(self.members[0].stages)
         layout.n[tick.RECURRENT_INPUTS] = len(inputs)
         layout.n[tick.RECURRENT_TABLE] = layout.indices(stages)
-        layout.n[tick.RECURRENT_SIGNALS] = layout.indices(PLACES[one.signal] for one in inputs)
-        layout.n[tick.RECURRENT_SCALES] = layout.table(number for one in inputs for number in (one.mean, one.spread))
+        layout.n[tick.RECURRENT_SIGNALS] = layout.indices(PLACES[signal.signal] for signal in inputs)
+        layout.n[tick.RECURRENT_SCALES] = layout.table(
+            number for signal in inputs for number in (signal.mean, signal.spread)
+        )
         layout.n[tick.RECURRENT_SCALED] = scaled
         layout.n[tick.RECURRENT_DRIVEN] = layout.state(2 * max(len(stage.decay_s) for stage in self.all_stages))
 
@@ -359,5 +359,5 @@ class Recurrent(Structure):
         """Return after how long [s] two runs are proved to agree; infinite after MAX_STEPS."""
         low, high = within.force_N
         runs = zip(*(member.differences(motion, current, within.rate_Hz) for member in self.members), strict=True)
-        limit = FORGOTTEN * (high - low) / WIDENED * len(self.members) / self.scale_N
+        limit = ProofLimits.FORGOTTEN * (high - low) / WIDENED * len(self.members) / self.scale_N
         return next((k * STEP_S for k, apart in enumerate(islice(runs, MAX_STEPS)) if sum(apart) < limit), math.inf)

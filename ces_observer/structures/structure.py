@@ -14,13 +14,11 @@ from typing import ClassVar, Protocol
 
 from ces_observer.core import bind, floats, ints
 from ces_observer.errors import ModelError
-from ces_observer.flat import Arrays, Layout
+from ces_observer.flat import ArrayLayout, Arrays
 from ces_observer.json_text import quote
 from ces_observer.proof.certificate import Certificate
 from ces_observer.tick import model
 
-MAX_LAG = 1000  # ticks, of any signal
-MAX_FORCE_N = 1e9
 INPUTS = ("position", "speed", "current")
 
 Range = tuple[float, float]
@@ -126,16 +124,16 @@ class Structure(ABC):
     def check_over(self, inputs: Ranges) -> None:  # noqa: B027  # most need not
         """Raise ModelError if the structure in a file does not fit the file's ranges of inputs."""
 
-    def fill(self, layout: Layout, within: OperatingRange) -> None:
+    def fill(self, layout: ArrayLayout, within: OperatingRange) -> None:
         """Write the structure's numbers into a layout, for the functions `runs`; raises ModelError.
 
         Without it, a structure that overrides `make_predictor` runs at the desk, but in no estimator.
         """
         raise ModelError(f"structure '{self.name}' has no tick in ces_observer/tick; see docs/extending.md")
 
-    def lay_out(self, within: OperatingRange) -> Layout:
+    def lay_out(self, within: OperatingRange) -> ArrayLayout:
         """Return the layout of its arrays: what every model has, and what `fill` writes; raises ModelError."""
-        layout = Layout(model.P_STRUCTURE, model.N_STRUCTURE, model.S_STRUCTURE, model.K_STRUCTURE)
+        layout = ArrayLayout(model.P_STRUCTURE, model.N_STRUCTURE, model.S_STRUCTURE, model.K_STRUCTURE)
         ranges = (*(within.inputs[name] for name in INPUTS), within.force_N)
         ends = [min(max(end, -float_info.max), float_info.max) for ends in ranges for end in ends]
         layout.put(model.POSITION_LOW, ends)

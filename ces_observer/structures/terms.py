@@ -8,18 +8,14 @@ from math import copysign, prod
 from typing import Self
 
 from ces_observer.errors import ModelError
+from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.intervals import Interval, down, up
 from ces_observer.records import bounded, in_files, items, part
 from ces_observer.structures.constructed_inputs import ConstructedInput, TriangularMembership
-from ces_observer.structures.structure import MAX_LAG, Range, Ranges
+from ces_observer.structures.structure import Range, Ranges
 
 MIN_SIZE = 1e-100  # nearer to zero, a slope may overflow and counts as unbounded
 SIGNALS = ("force", "speed", "current", "position")
-MAX_TERMS = 500
-MAX_FACTORS = 8
-MAX_POWER = 8.0
-MAX_COEFFICIENT = 1e30
-MAX_PRODUCT = 1e100  # of a term, and of its factors' product: far from overflow of sums, slopes and bounds
 
 
 def _is_input(factor: Mapping[str, object]) -> bool:
@@ -35,15 +31,15 @@ class Factor:
     """
 
     signal: str
-    lag: int = bounded(0, MAX_LAG)
-    power: float = bounded(0.0, MAX_POWER, default=1.0, when=_is_input)
+    lag: int = bounded(0, FileLimits.MAX_LAG)
+    power: float = bounded(0.0, FileLimits.MAX_POWER, default=1.0, when=_is_input)
     signed: bool = part(default=True, when=_is_input)
     definition: ConstructedInput | None = field(default=None, metadata=in_files(None))
 
     def checked(self) -> Self:
         """Return it; raises ModelError for a force of the same tick."""
         if self.signal == "force" and self.lag == 0:
-            raise ModelError(f"lag is 0; expected a whole number from 1 to {MAX_LAG} of a force")
+            raise ModelError(f"lag is 0; expected a whole number from 1 to {FileLimits.MAX_LAG} of a force")
         return self
 
     def defined(self, constructed: Mapping[str, ConstructedInput]) -> Self:
@@ -116,8 +112,8 @@ class Factor:
 class Term:
     """A coefficient [N per product of the factors' units] times its factors, at most one of them a past force."""
 
-    coefficient: float = bounded(-MAX_COEFFICIENT, MAX_COEFFICIENT)
-    factors: tuple[Factor, ...] = items(0, MAX_FACTORS)
+    coefficient: float = bounded(-NumberLimits.MAX_COEFFICIENT, NumberLimits.MAX_COEFFICIENT)
+    factors: tuple[Factor, ...] = items(0, FileLimits.MAX_FACTORS)
 
     def checked(self) -> Self:
         """Return it; raises ModelError for several past forces."""
@@ -138,12 +134,12 @@ class Term:
 
 def collect_constructed(terms: Sequence[Term]) -> tuple[ConstructedInput, ...]:
     """Return the terms' constructed inputs by name, memberships last; raises ModelError if two of a name differ."""
-    known: dict[str, ConstructedInput] = {}
+    by_name: dict[str, ConstructedInput] = {}
     used = {f.definition for term in terms for f in term.factors if f.definition is not None}
-    for one in used | {one.base for one in used if isinstance(one, TriangularMembership) and one.base is not None}:
-        if known.setdefault(one.name, one) != one:
-            raise ModelError(f"constructed input '{one.name}': two different definitions; expected a name for each")
-    return tuple(sorted(known.values(), key=lambda one: (isinstance(one, TriangularMembership), one.name)))
+    for made in used | {made.base for made in used if isinstance(made, TriangularMembership) and made.base is not None}:
+        if by_name.setdefault(made.name, made) != made:
+            raise ModelError(f"constructed input '{made.name}': two different definitions; expected a name for each")
+    return tuple(sorted(by_name.values(), key=lambda made: (isinstance(made, TriangularMembership), made.name)))
 
 
 def define_factors(terms: Sequence[Term], constructed: Mapping[str, ConstructedInput]) -> tuple[Term, ...]:
@@ -160,8 +156,8 @@ def define_factors(terms: Sequence[Term], constructed: Mapping[str, ConstructedI
 def check_products(terms: Sequence[Term], inputs: Ranges) -> None:
     """Raise ModelError if a term can grow too large over the ranges of inputs."""
     for i, term in enumerate(terms):
-        if not _bound_product(term, inputs) <= MAX_PRODUCT:
-            text = f"can grow beyond {MAX_PRODUCT:g} in the input envelope; expected lower powers"
+        if not _bound_product(term, inputs) <= NumberLimits.MAX_PRODUCT:
+            text = f"can grow beyond {NumberLimits.MAX_PRODUCT:g} in the input envelope; expected lower powers"
             raise ModelError(f"terms[{i}]: {text}")
 
 

@@ -6,8 +6,8 @@ them out. MODULES stand from the bottom up: each calls only what stands before i
 """
 
 MODULES = (
-    "selftest", "model", "bank", "tracker", "curves", "valve", "mount", "edges", "pressures", "hydraulic",
-    "constructed", "polynomial", "layers", "lagged", "sigmoid", "fuzzy", "experts", "recurrent", "structure",
+    "model", "bank", "tracker", "curves", "valve", "mount", "edges", "pressures", "hydraulic",
+    "constructed", "polynomial", "lagged", "sigmoid", "fuzzy", "experts", "recurrent", "structure",
     "mixture", "band", "run", "estimator",
 )  # fmt: skip
 

@@ -1,9 +1,9 @@
 """The bank: positions on uniform ticks in; position and speed, known at once and after a stated delay, out.
 
-Each mode is the stationary Kalman filter (`ces_observer.kalman`) of strokes up to one frequency; the speed has the RMS
-of the identification recordings in all of them. The output is the mean of the modes, weighted by how well each predicts
-(multiple-model estimator with switching; Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and
-Navigation, sec. 11.6). The likelihood is Student's t, so that one wild sample does not decide for long.
+Each mode is the stationary Kalman filter (`ces_observer.bank_design`) of strokes up to one frequency; the speed has the
+RMS of the identification recordings in all of them. The output is the mean of the modes, weighted by how well each
+predicts (multiple-model estimator with switching; Bar-Shalom, Li & Kirubarajan, Estimation with Applications to
+Tracking and Navigation, sec. 11.6). The likelihood is Student's t, so that one wild sample does not decide for long.
 
 Tests find each mode stable at constant shifts of the samples and numbers of lost ticks (`ces_observer.bank_design`),
 but no fixed gains are so for every sequence of intervals. So a mode whose innovation is 300 times its spread restarts
@@ -18,7 +18,7 @@ A mode is held in the companion form of its speed,
     x' = x + b0 v + b1 z1 + b2 z2 + b3 z3,   v' = a1 v + z1,   z1' = a2 v + z2,   z2' = a3 v + z3,   z3' = a4 v,
 
 plus gains times its innovation. A measured speed or acceleration is a second measurement, and an offset of it the sixth
-state. `ces_observer.sampling_layout` fills p and n.
+state. `ces_observer.estimator` fills p and n.
 """
 
 from ces_observer.tick.arrays import Floats, Ints

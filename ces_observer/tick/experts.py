@@ -10,7 +10,7 @@ from math import exp, inf, tanh
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.lagged import LAGGED_COUNT, LAGGED_PHI, N_LAGGED, check_lagged, lagged_force, lagged_inputs
-from ces_observer.tick.layers import apply_layer
+from ces_observer.tick.lagged import apply_layer
 from ces_observer.tick.model import LARGEST, P_STRUCTURE, SMALLEST, are_between, lies_within
 
 # p: force for an output of 1 [N]

@@ -1,7 +1,8 @@
 """Lagged, scaled regressors of networks and fuzzy rules: inputs of each tick in, a vector of numbers out.
 
 phi_j = (u(k - lag_j) - mean_j) / spread_j, with u the position, speed, current or the model's own past force. Before
-the first tick, forces are zero and inputs equal the first ones.
+the first tick, forces are zero and inputs equal the first ones. An affine layer y = W x + b takes them; its sums have
+one order everywhere: that of the columns, then the bias.
 """
 
 from ces_observer.tick.arrays import Floats, Ints
@@ -9,6 +10,45 @@ from ces_observer.tick.model import (
     CLAMPED, CURRENT_HIGH, CURRENT_LOW, HELD, K_STRUCTURE, LARGEST, N_STRUCTURE, POSITION_HIGH, POSITION_LOW, SMALLEST,
     SPEED_HIGH, SPEED_LOW, STARTED, are_between, are_indices, clamp, hold_force, is_clamped, lies_within,
 )  # fmt: skip
+
+
+def apply_layer(p: Floats, s: Floats, table: int, rows: int, width: int, x: int, y: int) -> None:
+    """Set `rows` numbers from s[y] on; p[table] begins W, whose rows of `width` numbers each end with their bias.
+
+    Four rows at a time share the reading of x, and no addition waits for the one before it.
+    """
+    row_size = width + 1
+    end = x + width
+    last = y + rows
+    first = table - x
+    while y + 4 <= last:
+        second = first + row_size
+        third = second + row_size
+        fourth = third + row_size
+        a = 0.0
+        b = 0.0
+        c = 0.0
+        d = 0.0
+        for j in range(x, end):
+            value = s[j]
+            a += p[first + j] * value
+            b += p[second + j] * value
+            c += p[third + j] * value
+            d += p[fourth + j] * value
+        s[y] = a + p[first + end]
+        s[y + 1] = b + p[second + end]
+        s[y + 2] = c + p[third + end]
+        s[y + 3] = d + p[fourth + end]
+        first = fourth + row_size
+        y += 4
+    while y < last:
+        a = 0.0
+        for j in range(x, end):
+            a += p[first + j] * s[j]
+        s[y] = a + p[first + end]
+        first += row_size
+        y += 1
+
 
 # n: ticks that are kept; the regressors, and where they begin in s; where these begin: in s four rings of the past
 # (position, speed, current, force), in n pairs (ring in s, lag), in p pairs (mean, spread), one for each regressor

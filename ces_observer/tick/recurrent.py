@@ -15,7 +15,7 @@ A stage has linear filters (a diagonal state-space model) and a layer of tanh, w
 from math import sqrt, tanh
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.layers import apply_layer
+from ces_observer.tick.lagged import apply_layer
 from ces_observer.tick.model import (
     CLAMPED, CURRENT_HIGH, CURRENT_LOW, HELD, LARGEST, N_STRUCTURE, POSITION_HIGH, POSITION_LOW, P_STRUCTURE, SMALLEST,
     SPEED_HIGH, SPEED_LOW, STARTED, S_STRUCTURE, are_between, are_indices, clamp, hold_force, is_clamped, lies_within,

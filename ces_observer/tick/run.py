@@ -3,7 +3,7 @@
 A force that is not finite restarts the run. The force at a sample lies on the line through the last two ticks.
 """
 
-from math import inf, isfinite, nan
+from math import cos, exp, floor, inf, isfinite, log, nan, pow, sin, sqrt, tanh
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.band import band_half_width, band_tick, check_band
@@ -58,3 +58,24 @@ def check_run(p: Floats, n: Ints, numbers: int, counts: int, states: int, flags:
     if n[HAS_BAND] != 0 and not check_band(p):
         return False
     return check_structure(p, n, numbers, counts, states, flags)
+
+
+def rounding_sample(seed: int) -> float:
+    """Return a number that pseudo-random products, sums and functions make from a seed from 0 to 2^31 - 1.
+
+    The compiled core must give it bit for bit, before it is used: a compiler may fuse a product and a sum into one
+    rounding, and libraries differ in the last digits of `exp` and its like.
+    """
+    state = seed
+    total = 0.0
+    for i in range(32):
+        state = (state * 1103515245 + 12345) % 2147483648
+        x = float(state) / 2147483648.0
+        state = (state * 1103515245 + 12345) % 2147483648
+        y = float(state) / 2147483648.0 + 0.5
+        total = total * x - (x * y - sqrt(y)) * float(i)
+        total = total + exp(x) * tanh(total) / y
+        total = total + log(y) * sin(total) - cos(y * total)
+        total = total + pow(y, x) * (total * y + x * x) / (1.0 + abs(total))
+        total = total - float(floor(total))
+    return total if isfinite(total) else 0.0

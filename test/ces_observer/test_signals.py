@@ -113,7 +113,10 @@ def test_other_parameters_of_a_node_are_ignored():
     [
         ({"position": 3}, "signal 'position' is 3; expected a mapping"),
         ({"position": {"topik": "x"}}, "unknown key 'topik'; known are topic, type, field"),
-        ({"sim_force": {"topic": "x"}}, "signal 'sim_force': 'type' is missing; set topic, type and field"),
+        (
+            {"sim_force": {"topic": "x"}},
+            "signal 'sim_force': key 'type' is missing; expected a text; set topic, type and field",
+        ),
         ({"force": {"topic": ""}}, "'topic' is missing"),
         ({"force": {"type": "Float64"}}, "type: 'Float64' is not of the form package/msg/Type"),
         ({"force": {"scale": 0}}, "scale is 0; expected the factor"),

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
-from typing import Any
 
 import pytest
 from browser import open_page
@@ -22,14 +20,14 @@ STEP_S, HELD = 0.02, 8  # between two events of a touch; events at its end
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report(tmp_path_factory):
     path = tmp_path_factory.mktemp("touched") / "report.html"
     write_report(path, "Model a.json", model(), evaluate(model(), [damper("road")], VALIDATION), {})
     return path
 
 
 @pytest.fixture(scope="module")
-def gap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def gap(tmp_path_factory):
     path = tmp_path_factory.mktemp("gap") / "report.html"
     path.write_text(report_page(named(), "Gap of model.json", {}))
     return path
@@ -38,10 +36,10 @@ def gap(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class Finger:
     """A finger on a page, as the browser gets it from a touch screen."""
 
-    def __init__(self, page: Any) -> None:
+    def __init__(self, page):
         self.session = page.context.new_cdp_session(page)
 
-    def slide(self, start: tuple[float, float], end: tuple[float, float], steps: int = 6) -> None:
+    def slide(self, start, end, steps=6):
         """Move the finger and hold it at the end, so that nothing rolls on."""
         begin = time.time() - 10.0
         for k in [*range(steps + 1), *[steps] * HELD]:
@@ -50,11 +48,11 @@ class Finger:
             self._send("touchMove" if k else "touchStart", [{"x": x, "y": y}], begin)
         self._send("touchEnd", [], begin + STEP_S)
 
-    def _send(self, kind: str, points: list[dict[str, float]], at_s: float) -> None:
+    def _send(self, kind, points, at_s):
         self.session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points, "timestamp": at_s})
 
 
-def test_keys_go_from_cell_to_cell_of_a_map(report: Path) -> None:
+def test_keys_go_from_cell_to_cell_of_a_map(report):
     with open_page(report) as page:
         frame = page.locator("#coverage .value-frame").last
         label = frame.locator(".value-label")
@@ -70,7 +68,7 @@ def test_keys_go_from_cell_to_cell_of_a_map(report: Path) -> None:
         assert label.inner_text() == ""
 
 
-def test_tab_reaches_every_chart_in_the_order_of_the_page(gap: Path) -> None:
+def test_tab_reaches_every_chart_in_the_order_of_the_page(gap):
     with open_page(gap) as page:
         count = page.locator(".plot-frame, .value-frame").count()
         order: list[int] = []
@@ -85,7 +83,7 @@ def test_tab_reaches_every_chart_in_the_order_of_the_page(gap: Path) -> None:
         assert order == list(range(count))
 
 
-def test_a_screen_reader_finds_every_chart_by_name(report: Path) -> None:
+def test_a_screen_reader_finds_every_chart_by_name(report):
     with open_page(report) as page:
         seen = page.locator("main").aria_snapshot()
         names = page.evaluate("[...document.querySelectorAll('main svg[role=img] > title')].map(t => t.textContent)")
@@ -95,7 +93,7 @@ def test_a_screen_reader_finds_every_chart_by_name(report: Path) -> None:
         assert seen.count("Values of this chart") >= len(names)
 
 
-def test_forced_colours_keep_bars_and_lines_apart(gap: Path) -> None:
+def test_forced_colours_keep_bars_and_lines_apart(gap):
     parts = (".length.before", "backgroundColor"), (".length.after", "backgroundColor"), ("path.measured", "stroke")
     with open_page(gap) as page:
         page.emulate_media(forced_colors="active")
@@ -106,7 +104,7 @@ def test_forced_colours_keep_bars_and_lines_apart(gap: Path) -> None:
 VIEW = "() => [...document.getElementById('tp0-plot').interactivePlot.view]"
 
 
-def test_one_finger_scrolls_the_page_then_moves_the_chart_and_reads_a_cell(report: Path) -> None:
+def test_one_finger_scrolls_the_page_then_moves_the_chart_and_reads_a_cell(report):
     with open_page(report, touch=True, width=900, height=700) as page:
         frame, finger = page.locator(FIRST_FRAME), Finger(page)
         for way_x, way_y, steps in ((0, -150, 12), (120, 0, 6)):

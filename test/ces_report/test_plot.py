@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import xml.etree.ElementTree as ET
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,15 +18,15 @@ TIME = np.arange(5000) / 1000.0
 WAVE = 300.0 * np.sin(2 * np.pi * 3.0 * TIME)
 
 
-def drawn(plot: Plot, max_points: int = 60_000) -> ET.Element:
+def drawn(plot, max_points=60_000):
     return ET.fromstring(str(draw_plot(plot, max_points)))
 
 
-def one_area(*marks: Any, **settings: Any) -> Plot:
+def one_area(*marks, **settings):
     return Plot("p", "A chart", "About it.", "Time [s]", [PlotArea("Force [N]", marks)], **settings)
 
 
-def data_of(root: ET.Element) -> dict[str, Any]:
+def data_of(root):
     data = json.loads(root.find("script").text)
     arrays = [decode(code) for code in data["arrays"]]
     for area in data["areas"]:
@@ -36,7 +35,7 @@ def data_of(root: ET.Element) -> dict[str, Any]:
     return data
 
 
-def decode(code: dict[str, Any]) -> np.ndarray:
+def decode(code):
     """What the script does."""
     if "even" in code:
         start, step = code["even"]
@@ -47,7 +46,7 @@ def decode(code: dict[str, Any]) -> np.ndarray:
 
 
 @given(st.lists(st.floats(-1e6, 1e6) | st.just(np.nan), min_size=1, max_size=50))
-def test_values_survive_within_half_a_step(values: list[float]) -> None:
+def test_values_survive_within_half_a_step(values):
     y = np.array(values)
     mark = data_of(drawn(one_area(PlotLine("a", np.arange(len(y)) + 0.5, y))))["areas"][0]["marks"][0]
     step = (np.nanmax(y) - np.nanmin(y)) / 65534 if np.isfinite(y).any() else 0.0
@@ -55,7 +54,7 @@ def test_values_survive_within_half_a_step(values: list[float]) -> None:
     np.testing.assert_allclose(mark["x"], np.arange(len(y)) + 0.5, atol=1e-6)
 
 
-def test_a_long_line_keeps_its_peak_and_the_page_says_what_was_left_out() -> None:
+def test_a_long_line_keeps_its_peak_and_the_page_says_what_was_left_out():
     y = WAVE.copy()
     y[3217] = 900.0
     root = drawn(one_area(PlotLine("a", TIME, y)), max_points=1000)
@@ -68,7 +67,7 @@ def test_a_long_line_keeps_its_peak_and_the_page_says_what_was_left_out() -> Non
     assert drawn(one_area(PlotLine("a", TIME, y))).find("p") is None
 
 
-def test_no_group_of_samples_spans_a_gap_or_a_break() -> None:
+def test_no_group_of_samples_spans_a_gap_or_a_break():
     x = np.concatenate([TIME[:2003], TIME[:2003] + 10.0])
     y = np.where(x < 5.0, 1.0, 2.0)
     breaks = np.zeros(len(x), bool)
@@ -82,7 +81,7 @@ def test_no_group_of_samples_spans_a_gap_or_a_break() -> None:
     np.testing.assert_allclose(pairs[:, 0], pairs[:, 1], atol=0.01)  # none holds values of both sides
 
 
-def test_an_x_that_equals_a_y_keeps_its_resolution() -> None:
+def test_an_x_that_equals_a_y_keeps_its_resolution():
     """Of a span of 1000 s, 16 bits resolve 15 ms, and 32 bits less than a microsecond."""
     x = np.cumsum(np.random.default_rng(1).random(2000))
     marks = data_of(drawn(one_area(PlotDots("a", np.arange(2000.0), x), PlotDots("b", x, x))))["areas"][0]["marks"]
@@ -90,7 +89,7 @@ def test_an_x_that_equals_a_y_keeps_its_resolution() -> None:
     assert np.abs(marks[1]["y"] - x).max() > 1e-4
 
 
-def test_names_cannot_end_the_data_or_the_page() -> None:
+def test_names_cannot_end_the_data_or_the_page():
     evil = "</script><script>alert(1)</script>&amp;]]>\"'"
     text = str(draw_plot(one_area(PlotLine(evil, TIME, WAVE))))
     assert "alert(1)</script>" not in text
@@ -99,7 +98,7 @@ def test_names_cannot_end_the_data_or_the_page() -> None:
     assert data_of(root)["areas"][0]["marks"][0]["name"] == evil
 
 
-def test_a_band_of_few_points_is_one_area_in_each_piece() -> None:
+def test_a_band_of_few_points_is_one_area_in_each_piece():
     x = np.linspace(0.0, 1.0, 30)
     low = np.where((x > 0.4) & (x < 0.5), np.nan, x)
     root = drawn(one_area(PlotBand("band", x, low, low + 1.0)))
@@ -108,14 +107,14 @@ def test_a_band_of_few_points_is_one_area_in_each_piece() -> None:
     assert all(p.get("d").count("M") == 1 for p in bands)
 
 
-def test_a_shade_is_where_the_mask_is_true() -> None:
+def test_a_shade_is_where_the_mask_is_true():
     shade = PlotShade("outside", TIME, (TIME > 1.0) & (TIME < 2.0) | (TIME > 4.0))
     np.testing.assert_allclose(shade.spans(), [[1.001, 1.999], [4.001, 4.999]])
     np.testing.assert_allclose(shade.spans(2.5), [[1.001, 4.999]])
     assert PlotShade("", TIME, np.zeros(5000, bool)).spans().shape == (0, 2)
 
 
-def test_the_table_has_the_extremes_of_every_mark() -> None:
+def test_the_table_has_the_extremes_of_every_mark():
     root = drawn(one_area(PlotLine("model", TIME, WAVE), PlotBand("band", TIME, WAVE - 1, WAVE + 1)))
     lines = [[cell.text for cell in row.iter("td")] for row in root.iter("tr")]
     rows = {name: values for name, *values in filter(None, lines)}
@@ -125,7 +124,7 @@ def test_the_table_has_the_extremes_of_every_mark() -> None:
 
 
 @pytest.mark.parametrize("values", [np.zeros(0), np.full(10, np.nan), np.full(10, 3.0), np.ones(1)])
-def test_nothing_and_constants_are_drawn(values: np.ndarray) -> None:
+def test_nothing_and_constants_are_drawn(values):
     text = str(draw_plot(one_area(PlotLine("a", np.arange(float(len(values))), values))))
     assert "nan" not in text.lower()
     assert ("no values" in text) == (not np.isfinite(values).any())

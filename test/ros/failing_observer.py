@@ -13,7 +13,8 @@ from typing import Any
 from rclpy.service import Service
 
 from ces_observer.damper_observer import DamperObserver
-from ces_observer.health.health import Health, Latencies
+from ces_observer.health.diagnostics import Latencies
+from ces_observer.health.health import Health
 from ces_observer.nodes import model_changes, observer
 from ces_observer.nodes.model_check import ModelReload
 from ces_observer.nodes.outputs import DiagnosticsOutput

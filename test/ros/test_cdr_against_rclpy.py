@@ -15,9 +15,8 @@ from std_msgs.msg import Bool, Byte, Float32, Float64, Float64MultiArray, Header
 from std_msgs.msg import MultiArrayLayout as ArrayLayout
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ces_observer.cdr.joint_state import RawJointState
-from ces_observer.cdr.signal import RawSignal
-from ces_observer.cdr.types import CdrUnsupportedError
+from ces_observer.cdr.layout import CdrUnsupportedError
+from ces_observer.cdr.signal import RawJointState, RawSignal
 from ces_observer.errors import SignalsError
 from ces_observer.nodes.inputs import fields_of, header_stamp_ns, is_stamped
 from ces_observer.signals import FieldPath, Signal

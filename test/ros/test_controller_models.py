@@ -15,13 +15,12 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 from conftest import new_namespace
 from damper_models import damper_with_past, delayed_damper
 from diagnostic_msgs.msg import DiagnosticArray
-from model_reloads import ModelReloads
 from node_process import NodeProcess
 from party import Party
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from vehicle import lossless_topics, wait
+from vehicle import ModelReloads, lossless_topics, wait
 
 DEEP = QoSProfile(depth=50_000)
 STEP_NS = 5_000_000  # between the stamps of estimates, whatever the time between their publishing

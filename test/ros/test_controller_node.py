@@ -122,7 +122,7 @@ def test_commands_are_the_pure_controllers(
     """Every estimate is answered, in order, by what the controller gives offline; speeds and forces are arbitrary."""
     start(max_age_s=0.0, timeout_s=10.0, **lossless_topics(namespace, ["observer/estimate"], ["valve_command"]))
     model = load_model(model_path)
-    tuning = Tuning(**LIMITS, valve_lag_s=0.0, max_gap_s=10.0)
+    tuning = Tuning(**LIMITS, valve_lag_s=0.0, timeout_s=10.0)
     tuning = replace(tuning, valve_lag_s=Tuning.lead_s(current_lag_s(model), tuning.preview_s))
     pure = ForceController(ForceCurve.from_points(*CURVE.values()), compute_inverse_map(model), tuning)
     samples = [(10**18 + k * MS, 1.2 * cos(0.02 * k), 2600.0 * cos(0.02 * k + 0.1)) for k in range(1000)]

@@ -22,8 +22,8 @@ from cpp_package import PACKAGE, CppPackage, missing_tool
 from damper_models import delayed_damper
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_process import NodeProcess
-from parameter_answers import require_answers
 from parameter_cases import AT_START, wrong_type
+from party import require_answers
 from patience import PATIENCE_S
 from replay import MS, START_NS, Samples
 from rosgraph_msgs.msg import Clock

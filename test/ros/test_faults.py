@@ -5,8 +5,13 @@ Other faults are in test_observer_node.py (no number, no current) and test_misus
 
 from __future__ import annotations
 
+import os
+import re
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -14,8 +19,14 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-
 from damper_models import plain_damper
+from failing_observer import STEPS
+from node_process import ROOT, NodeProcess, ros_args
+from patience import PATIENCE_S
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from test_misuse import CURRENT_A, EXECUTORS, compare, damper
+from vehicle import Vehicle, reliable_inputs, wait
 
 from bench.reliability.campaign import make_limits, play, start_stage
 from bench.reliability.judge import Fault, faults
@@ -66,3 +77,55 @@ def test_a_short_campaign_of_faults(stage: Stage) -> None:
     assert max(one.worst_force_N for one in outcomes) > 100.0
     assert not stage.observer.end()
     assert not stage.monitor.estimates.misread
+
+
+# -------------------------------- An observer with planted defects: it runs on, says so, and publishes nothing wrong.
+
+
+PROGRAM = Path(__file__).parent / "failing_observer.py"
+PLANTED = ("the estimator", "the diagnostics", "a timer", "the health", "the check of parameters", "rclpy")
+
+
+@contextmanager
+def failing(namespace: str, executor: str, model: Path) -> Iterator[NodeProcess]:
+    settings = {"model": model, "max_age_s": 0.0, "executor": executor, "current.constant": CURRENT_A}
+    words = ros_args(namespace, {**settings, **reliable_inputs(namespace, ["joint_states"])})
+    paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    node = NodeProcess([sys.executable, str(PROGRAM), *words], {"PYTHONPATH": paths})
+    try:
+        yield node
+    finally:
+        node.kill()
+
+
+def set_twice(vehicle: Vehicle) -> list[str]:
+    """Set a parameter twice; return the reasons for refusal: one of the answers never comes."""
+    client = vehicle.node.create_client(SetParameters, "observer/set_parameters")
+    assert client.wait_for_service(PATIENCE_S)
+    request = SetParameters.Request(parameters=[Parameter("still_warn_s", value=2.0).to_parameter_msg()])
+    answers = [client.call_async(request) for _ in range(2)]
+    wait(lambda: any(answer.done() for answer in answers), "an answer")
+    return [answer.result().results[0].reason for answer in answers if answer.done()]
+
+
+@pytest.mark.parametrize("executor", EXECUTORS)
+def test_defects_end_neither_the_node_nor_the_truth(
+    vehicle: Vehicle, namespace: str, executor: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "model.json"
+    damper().save(path)
+    with failing(namespace, executor, path) as node:
+        vehicle.meets_node()
+        with vehicle.driving(current=None, contiguous=True):
+            wait(lambda: len(vehicle.estimates) > 100, "the first estimates")
+            assert set_twice(vehicle) == ["unexpected error in the node; see its log"]
+            assert "being checked" in vehicle.reloads.answer().message
+            vehicle.hears_value("last change of the model", "not checked within 0.5 s")
+            wait(lambda: len(vehicle.driven) > 3 * STEPS, "three failures of the estimator")
+            vehicle.hears("unexpected errors, the last: ", None)
+        node.interrupt()
+        status, output = node.ended()
+    assert status == 0, output
+    logged = {planted: len(re.findall(rf"^\w+: .*planted in {planted}", output, re.MULTILINE)) for planted in PLANTED}
+    assert set(logged.values()) == {1}, logged  # each kind once, however often it happened
+    compare(vehicle)

@@ -33,6 +33,7 @@ SAFE_A = 0.4
 FALLING = """
 import sys
 from ces_observer.damper_observer import DamperObserver
+from ces_observer.limits import NodeLimits
 from ces_observer.nodes import managed_node, observer
 real, real_fall, calls, falls = DamperObserver.step, managed_node.ManagedNode.fall, [], []
 def step(self, *sample):
@@ -44,13 +45,7 @@ def fall(self, why):
     falls.append(why)
     real_fall(self, why)
 DamperObserver.step, managed_node.ManagedNode.fall = step, fall
-observer.FALL_S, managed_node.RETRY_S = 0.3, 0.1
-sys.exit(observer.main())
-"""
-WITHOUT = """
-import sys
-sys.modules["rclpy.lifecycle"] = None
-from ces_observer.nodes import observer
+NodeLimits.FALL_S, NodeLimits.RETRY_S = 0.3, 0.1
 sys.exit(observer.main())
 """
 
@@ -198,15 +193,5 @@ def test_an_observer_that_only_fails_lets_go_and_comes_back(vehicle: Vehicle, na
         status, output = node.ended()
         assert status == 0
         assert output.count("each sample has failed") == 1, output
-    finally:
-        node.kill()
-
-
-def test_without_a_life_cycle_the_node_is_plain(vehicle: Vehicle, namespace: str, model_path: Path) -> None:
-    words = ros_args(namespace, {"model": model_path, "autostart": False})
-    node = NodeProcess([sys.executable, "-c", WITHOUT, *words])
-    try:
-        vehicle.drive_until(lambda: len(vehicle.estimates) > 100, "estimates")
-        assert not vehicle.node.count_publishers("observer/transition_event")
     finally:
         node.kill()

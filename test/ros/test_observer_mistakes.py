@@ -13,8 +13,8 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 import rclpy
 from conftest import new_namespace
 from node_process import NodeProcess, ros_args
-from parameter_answers import require_answers
 from parameter_cases import AT_START, wrong_type
+from party import require_answers
 from vehicle import Vehicle
 
 from ces_observer.nodes.executors import START_ERRORS

@@ -123,27 +123,3 @@ def test_an_acceleration_on_its_own_topic_is_used(
     if not positions_first:
         publish_positions()
     require_equal(vehicle, offline(ACCELERATION, positions, motions))
-
-
-def test_a_missing_speed_is_told_and_a_model_without_it_refused(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:
-    path = saved(tmp_path, SPEED)
-    start(model=path, **{**IN_JOINTS, "speed.topic": "speeds"})
-    vehicle.meets_node()
-    with vehicle.driving():
-        vehicle.hears("no usable speed or acceleration", None)
-        vehicle.hears("nothing publishes", None)
-    assert not vehicle.estimates
-
-
-def test_a_node_without_the_signal_does_not_start_or_change(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:
-    path = saved(tmp_path, SPEED)
-    status, output = start(model=path).ended()
-    assert status == 2
-    assert "the model needs the signal 'speed', too; set speed.topic" in output
-    assert "Traceback" not in output
-    start()
-    vehicle.meets_node()
-    with vehicle.driving():
-        wait(lambda: bool(vehicle.estimates), "an estimate")
-        assert vehicle.sets("model", str(path)).successful  # the file itself is good
-        vehicle.hears_value("last change of the model", "refused, the old model runs on: the model needs the signal")

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
+from damper_models import plain_damper
 from node_process import NodeProcess
 from replay import MS, START_NS, Samples, currents, jittered_positions, offline, require_equal
 from rosgraph_msgs.msg import Clock
-from vehicle import STAMPED_CURRENT, Vehicle, reliable_inputs, stroke, wait
+from vehicle import RECOVERIES, STAMPED_CURRENT, Vehicle, reliable_inputs, stamp_of, stroke, wait
+
+from ces_observer.nodes.executors import AUTO, SINGLE
 
 S = 1_000_000_000
 JUMPS = "jumps of time"
@@ -79,27 +84,14 @@ def simulated(module_vehicle: Vehicle, module_start: Start) -> Iterator[Simulate
     return SimulatedVehicle(module_vehicle)
 
 
-def test_simulated_time_is_respected(simulated: SimulatedVehicle) -> None:
-    stamps = simulated.drives(50 * S)
-    assert stamps[0] - 50 * S < 0.2 * S
-
-
-def test_simulated_time_that_jumps_back_begins_anew_and_is_told(
-    simulated: SimulatedVehicle, module_vehicle: Vehicle
+@pytest.mark.parametrize(("from_s", "to_s", "told"), [(80, 20, "-60."), (200, 500, "+299.")])
+def test_simulated_time_is_respected_and_a_jump_begins_anew_and_is_told(
+    simulated: SimulatedVehicle, module_vehicle: Vehicle, from_s: int, to_s: int, told: str
 ) -> None:
-    simulated.drives(80 * S)
-    stamps = simulated.drives(20 * S)
-    assert 0.1 * S <= stamps[0] - 20 * S < 0.3 * S
-    module_vehicle.hears_value(JUMPS, "simulated time jumped by -60.")
-
-
-def test_simulated_time_that_jumps_forward_begins_anew_and_is_told(
-    simulated: SimulatedVehicle, module_vehicle: Vehicle
-) -> None:
-    simulated.drives(200 * S)
-    stamps = simulated.drives(500 * S)
-    assert 0.1 * S <= stamps[0] - 500 * S < 0.3 * S
-    module_vehicle.hears_value(JUMPS, "simulated time jumped by +299.")
+    assert simulated.drives(from_s * S)[0] - from_s * S < 0.3 * S
+    stamps = simulated.drives(to_s * S)
+    assert 0.1 * S <= stamps[0] - to_s * S < 0.3 * S
+    module_vehicle.hears_value(JUMPS, f"simulated time jumped by {told}")
 
 
 def test_switching_simulated_time_off_is_told(simulated: SimulatedVehicle, module_vehicle: Vehicle) -> None:
@@ -120,3 +112,73 @@ def test_stamps_that_jump_restart_the_estimates(vehicle: Vehicle, start: Start, 
     after = [stamp for stamp in vehicle.stamps() if abs(stamp - first - jump_ns) < S]
     assert 0.09 * S < after[0] - (first + jump_ns) < 0.3 * S
     assert len(after) > 200
+
+
+# ------------------ A node that stalls: what queued up meanwhile is estimated in order, each sample at its own stamp.
+
+
+MAX_CURRENT_AGE_S = 0.6
+MAX_LATE_S = 0.5  # of the vehicle: less than that
+STALL_S = 1.0  # longer than that: a current may not be as old as its reading
+CURRENT_A = 0.5
+
+
+def stall(node: NodeProcess, seconds: float = STALL_S) -> None:
+    """Stop the node's process for a while."""
+    node.interrupt(signal.SIGSTOP)
+    time.sleep(seconds)
+    node.interrupt(signal.SIGCONT)
+
+
+def drive_through_a_stall(vehicle: Vehicle, node: NodeProcess) -> int:
+    """Drive until all is estimated; return when it began [ns].
+
+    Where the vehicle too is held up, its currents really are too old; then it drives anew.
+    """
+    for _ in range(RECOVERIES):
+        began = time.time_ns()
+        with vehicle.driving(contiguous=True):
+            wait(lambda since=began: len(vehicle.stamps(since)) > 200, "estimates before the stall")
+            stall(node)
+            time.sleep(0.3)
+        wait(lambda: vehicle.late_s > MAX_LATE_S or vehicle.stamps()[-1] == vehicle.driven[-1], "the last estimate")
+        if vehicle.late_s <= MAX_LATE_S:
+            return began
+    raise AssertionError(f"the vehicle was held up {RECOVERIES} times, lately for {vehicle.late_s} s")
+
+
+@pytest.mark.parametrize("executor", [AUTO, SINGLE])
+def test_every_sample_of_a_stall_is_estimated_late_but_right(
+    vehicle: Vehicle, start: Callable[..., NodeProcess], tmp_path: Path, executor: str
+) -> None:
+    model, path = plain_damper(max_gap_s=0.3, max_current_age_s=MAX_CURRENT_AGE_S), tmp_path / "model.json"
+    model.save(path)
+    node = start(executor=executor, max_age_s=0.0, model=path)
+    vehicle.meets_node()
+    began = drive_through_a_stall(vehicle, node)
+    stamps, driven = vehicle.stamps(began), [stamp for stamp in vehicle.driven if stamp >= began]
+    assert stamps == driven[driven.index(stamps[0]) :]
+    expected = offline([(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in driven], [(0, CURRENT_A)], model)
+    forces = {stamp_of(one): one.effort[0] for one in vehicle.estimates}
+    worst = max(abs(expected[stamp][2] - forces[stamp]) for stamp in stamps if stamp in expected)
+    assert worst < 1e-3 * max(abs(forces[stamp]) for stamp in stamps)  # the node's first sample may be a later one
+
+
+def test_what_a_full_queue_loses_is_counted(vehicle: Vehicle, start: Callable[..., NodeProcess]) -> None:
+    node = start(input_depth=100)
+    vehicle.meets_node()
+    key = "position: dropped, in this node's queue"
+    warning = "dropped by this node's queue: set input_depth higher"
+
+    def count_lost() -> int:
+        return max((int(v.value) for s in vehicle.statuses for v in s.values if v.key == key), default=0)
+
+    def loses_300() -> bool:
+        stall(node)  # again, if the vehicle too was held up
+        time.sleep(2.0)  # for a status, of which there is one a second
+        return count_lost() >= 300 and any(warning in status.message for status in vehicle.statuses)
+
+    with vehicle.driving(contiguous=True):
+        wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
+        wait(loses_300, f"the count of what stalls lost, and '{warning}'")
+    assert count_lost() <= len(vehicle.driven) - 200

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from samplings import make_sampling
 
-from ces_observer.flat import Layout
+from ces_observer.flat import ArrayLayout
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import (
     ConstructedInput,
@@ -63,7 +63,7 @@ class ConstructedRun:
     """Constructed inputs tick by tick: `update` returns position, speed, current and each of them."""
 
     def __init__(self, constructed: Sequence[ConstructedInput], rate_Hz: float) -> None:
-        layout, self._count, self._started = Layout(0, 0, 3, 0), len(constructed), False
+        layout, self._count, self._started = ArrayLayout(0, 0, 3, 0), len(constructed), False
         self._table, _ = lay_out_constructed(layout, constructed, rate_Hz, 0)
         self._p, self._n, self._s, _ = layout.arrays()
 

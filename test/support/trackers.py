@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
-from ces_observer.bank_design import ACCELERATION, BankSettings
+from ces_observer.bank_design import ACCELERATION, ORDER, BankSettings
 from ces_observer.core import bind, floats, ints
-from ces_observer.flat import Layout
-from ces_observer.kalman import ORDER
+from ces_observer.estimator import fill_bank, layout_of
+from ces_observer.flat import ArrayLayout
 from ces_observer.model import Sampling
 from ces_observer.reasons import REASONS
-from ces_observer.sampling_layout import fill_bank, layout_of
 from ces_observer.tick import bank, tracker
 
 Tick = tuple[float, float]
@@ -69,7 +68,7 @@ class Bank:
     """A bank alone; `size` is the number of states of a mode."""
 
     def __init__(self, stroke: BankSettings, delay: int = 0) -> None:
-        layout = Layout(bank.P_TRACKER, bank.N_TRACKER, bank.S_TRACKER, bank.K_TRACKER)
+        layout = ArrayLayout(bank.P_TRACKER, bank.N_TRACKER, bank.S_TRACKER, bank.K_TRACKER)
         fill_bank(layout, stroke, delay)
         arrays = layout.arrays()
         _, self.n, self.s, self.k = arrays

@@ -140,14 +140,16 @@ public:
     std::sort(latencies_.begin(), latencies_.begin() + static_cast<std::ptrdiff_t>(size));
     for (std::size_t k = 0; k < PERCENTS.size(); ++k) {
       const auto place = (size * PERCENTS[k] + 99) / 100;
-      texts_[k] = size ? format_number("%.3f", 1e3 * to_s(latencies_[place - 1])) : "none";
+      texts_[k] = size ? format_number(figures::LATENCY.form, 1e3 * to_s(latencies_[place - 1])) : "none";
     }
   }
 
   void add_values(Status & status) const {
     for (std::size_t k = 0; k < PERCENTS.size(); ++k) {
       const auto name = PERCENTS[k] == 100 ? "max" : "p" + std::to_string(PERCENTS[k]);
-      status.add("latency from stamp to publish, " + name + " [ms]", texts_[k]);
+      std::string key = figures::LATENCY.key;
+      for (const auto & word : {std::string("publish"), name}) {key.replace(key.find("{}"), 2, word);}
+      status.add(key, texts_[k]);
     }
   }
 
@@ -218,43 +220,38 @@ public:
   Task make_health_task(const std::string & detail) {
     const auto reason = damper_.reason();
     const bool ok = reason == Reason::OK, is_error = std::count(std::begin(ERRORS), std::end(ERRORS), reason);
-    Task task{DiagnosticStatus::OK, "estimating"};
+    Task task{DiagnosticStatus::OK, remarks::ESTIMATING};
     if (!ok) {
       task = {is_error ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN,
-        std::string("withholding: ") + text_of(reason) + (detail.empty() ? "" : ": " + detail)};
+        std::string(remarks::WITHHOLDING) + text_of(reason) + (detail.empty() ? "" : ": " + detail)};
     }
     const auto fresh = episodes_.total - std::exchange(reported_episodes_, episodes_.total);
-    task.add(
-      fresh > 0,
-      "recovered from " + episodes_.newest + (fresh > 1 ? " and " + std::to_string(fresh - 1) + " more" : ""));
-    task.add(ok && withheld_ > 0.0, format_number("%.1f%% withheld in the last second", 100.0 * withheld_));
-    task.add(
-      ok && outside_ >= OUTSIDE_WARN, format_number("%.1f%% of the forces ", 100.0 * outside_) +
-      (damper_.model().extrapolates ? "extrapolated to inputs" : "from clamped inputs,") +
-      " outside what the model was identified on");
-    task.add(
-      ok && held_ >= OUTSIDE_WARN, format_number("%.1f%% of the forces held at the force envelope", 100.0 * held_));
-    const auto rest = format_number("the position has not changed for %.1f s", stillness.last_s());
+    const auto more = fresh > 1 ? format_number(remarks::MORE_EPISODES, static_cast<double>(fresh - 1)) : "";
+    task.add(fresh > 0, remarks::RECOVERED + episodes_.newest + more);
+    task.add(ok && withheld_ > 0.0, format_number(remarks::WITHHELD, 100.0 * withheld_));
+    const auto outside = damper_.model().extrapolates ? remarks::EXTRAPOLATED : remarks::CLAMPED;
+    task.add(ok && outside_ >= limits::OUTSIDE, format_number(outside, 100.0 * outside_));
+    task.add(ok && held_ >= limits::OUTSIDE, format_number(remarks::HELD, 100.0 * held_));
     const bool is_over = stillness.count() > std::exchange(reported_rests_, stillness.count());
-    task.add(stillness.is_resting(), rest + ": at rest, or its sensor is stuck");
-    task.add(!stillness.is_resting() && is_over, rest + " and does now");
+    task.add(stillness.is_resting(), format_number(remarks::RESTS, stillness.last_s()));
+    task.add(!stillness.is_resting() && is_over, format_number(remarks::RESTED, stillness.last_s()));
     return task;
   }
 
   // The task `frequency`; `mismatch` is what else is published on the topics.
   Task make_frequency_task(const std::string & mismatch) const {
     const auto & figures = position.figures();
-    Task task{DiagnosticStatus::OK, format_number("position %.1f Hz", figures.rate_Hz)};
+    Task task{DiagnosticStatus::OK, format_number(remarks::POSITION_RATE, figures.rate_Hz)};
     if (!is_rolled_ || !figures.samples) {
       task.level = is_rolled_ ? DiagnosticStatus::ERROR : DiagnosticStatus::OK;
-      task.words = is_rolled_ ? "no position" : "not measured yet";
+      task.words = is_rolled_ ? remarks::NO_POSITION : remarks::NOT_MEASURED;
     } else if (!damper_.current().is_constant()) {
-      task.words += format_number(", current %.1f Hz", current.figures().rate_Hz);
+      task.words += format_number(remarks::CURRENT_RATE, current.figures().rate_Hz);
     }
     const auto share = static_cast<double>(figures.dropped) / static_cast<double>(figures.samples + figures.dropped);
     task.add(
-      figures.samples && figures.dropped && share >= DROPPED_WARN,
-      format_number("%.1f%% of the positions missing", 100.0 * share) + describe_missing(figures));
+      figures.samples && figures.dropped && share >= limits::DROPPED,
+      format_number(remarks::MISSING, 100.0 * share) + describe_missing(figures));
     task.add(!mismatch.empty(), mismatch);
     return task;
   }
@@ -262,14 +259,15 @@ public:
   // The task `time stamps`.
   Task make_stamps_task() const {
     const auto & figures = position.figures();
-    Task task{DiagnosticStatus::OK, !is_rolled_ ? "not measured yet" :
-      !figures.samples ? "no position in the last second" :
-      !figures.has_dropped ? "positions have no stamp: they are stamped on arrival" :
-      format_number("positions arrive %.1f ms after their stamp", 1e3 * figures.mean_age_s)};
-    const bool is_ahead = figures.has_dropped && figures.samples && figures.mean_age_s < -AHEAD_S;
-    task.add(is_ahead, "their stamps are ahead of the node's clock");
-    task.add(figures.repeats, std::to_string(figures.repeats) + " positions repeat or run backwards");
-    task.add(figures.interruptions, std::to_string(figures.interruptions) + " interruptions of the stamps");
+    Task task{DiagnosticStatus::OK, !is_rolled_ ? remarks::NOT_MEASURED :
+      !figures.samples ? remarks::NO_RECENT_POSITION :
+      !figures.has_dropped ? remarks::NO_STAMP : format_number(remarks::ARRIVAL, 1e3 * figures.mean_age_s)};
+    const bool is_ahead = figures.has_dropped && figures.samples && figures.mean_age_s < -limits::AHEAD_S;
+    task.add(is_ahead, remarks::AHEAD);
+    task.add(figures.repeats, format_number(remarks::REPEATS, static_cast<double>(figures.repeats)));
+    task.add(
+      figures.interruptions,
+      format_number(remarks::INTERRUPTIONS, static_cast<double>(figures.interruptions)));
     task.add(!recent_jump_.empty(), recent_jump_);
     return task;
   }
@@ -277,72 +275,65 @@ public:
   // Write all key-value pairs.
   void add_values(Status & status) const {
     const auto & tally = damper_.tally();
-    status.add("reason", text_of(damper_.reason()));
-    status.addf("rate [Hz]", "%.1f", rate_Hz_);
-    status.addf("age of the last position on arrival [s]", "%.6f", to_s(damper_.age()));
-    status.addf("withheld in the last second [%]", "%.1f", 100.0 * withheld_);
-    status.addf("share outside the envelope", "%.4f", outside_);
-    status.addf("inputs outside the envelope", "are %s", damper_.model().outside.c_str());
-    status.add("position samples", tally.samples);
-    status.add("forces estimated", tally.estimates);
-    if (damper_.model().delay_ticks) {status.add("delayed forces estimated", tally.late);}
-    if (tally.held) {status.add("forces held at the force envelope", tally.held);}
-    status.add("messages without the field", tally.unreadable);
+    const auto & model = damper_.model();
+    add(status, figures::REASON, text_of(damper_.reason()));
+    add(status, figures::RATE, rate_Hz_);
+    add(status, figures::AGE, to_s(damper_.age()));
+    add(status, figures::WITHHELD_SHARE, 100.0 * withheld_);
+    add(status, figures::OUTSIDE_SHARE, outside_);
+    add(status, figures::OUTSIDE, model.outside);
+    add(status, figures::SAMPLES, tally.samples);
+    add(status, figures::ESTIMATED, tally.estimates);
+    if (model.delay_ticks) {add(status, figures::LATE, tally.late);}
+    if (tally.held) {add(status, figures::HELD, tally.held);}
+    add(status, figures::UNREADABLE, tally.unreadable);
     std::map<std::string, std::uint64_t> withheld;  // in the order of the reasons' texts
     for (std::size_t k = 0; k < tally.withheld.size(); ++k) {withheld[REASON_TEXTS[k]] = tally.withheld[k];}
     for (const auto & [reason, count] : withheld) {
-      if (count) {status.add("withheld: " + reason, count);}
+      if (count) {add(status, figures::WITHHELD, count, reason);}
     }
-    status.add("episodes of withholding", episodes_.total);
-    status.add("last episode", episodes_.last);
-    status.add("position has not changed, times", stillness.count());
-    if (stillness.count()) {status.addf("position has not changed, last for [s]", "%.3f", stillness.last_s());}
+    add(status, figures::EPISODES, episodes_.total);
+    add(status, figures::LAST_EPISODE, episodes_.last);
+    add(status, figures::RESTS, stillness.count());
+    if (stillness.count()) {add(status, figures::LAST_REST, stillness.last_s());}
     latency.add_values(status);
     load_.add_values(status);
-    add_arrivals(status, "position: ", position.figures());
-    add_arrivals(status, "current: ", current.figures());
-    if (position.figures().has_dropped) {status.add("dropped", position.figures().total_dropped);}
-    status.add("jumps of time", std::to_string(jumps_) + ", the last: " + jump_);
+    add_arrivals(status, "position", position.figures());
+    add_arrivals(status, "current", current.figures());
+    if (position.figures().has_dropped) {add(status, figures::ALL_DROPPED, position.figures().total_dropped);}
+    add(status, figures::JUMPS, std::to_string(jumps_) + ", the last: " + jump_);
   }
 
 private:
-  static constexpr double OUTSIDE_WARN = 0.01;  // share of forces outside an envelope, or held at one, for a warning
-  static constexpr double DROPPED_WARN = 0.01;  // share of lost positions for a warning
-  static constexpr double AHEAD_S = 0.05;  // of stamps before the node's clock, that simulated time may give
-  static constexpr Reason ERRORS[] = {
-    Reason::SILENT, Reason::POSITION_NOT_FINITE, Reason::NO_CURRENT, Reason::OFF_CLOCK, Reason::UNBOUNDED,
-    Reason::BEYOND_STROKE};
-
   // What became of the samples that are missing in a window, as the end of a sentence.
   static std::string describe_missing(const ArrivalFigures & figures) {
     if (figures.overflowed) {
-      return ", " + std::to_string(figures.overflowed) +
-             " of them dropped by this node's queue: set input_depth higher";
+      return format_number(remarks::MISSING_IN_QUEUE, static_cast<double>(figures.overflowed));
     }
-    if (!figures.lost) {return ": lost on the way, or the source paused";}
-    return *figures.lost ? ", " + std::to_string(*figures.lost) + " of them lost on the way" : ": the source paused";
+    if (!figures.lost) {return remarks::MISSING_UNKNOWN;}
+    return *figures.lost ? format_number(remarks::MISSING_ON_THE_WAY, static_cast<double>(*figures.lost)) :
+           remarks::MISSING_PAUSED;
   }
 
-  static void add_arrivals(Status & status, const std::string & name, const ArrivalFigures & figures) {
-    if (!figures.total_samples) {return;}
-    status.addf(name + "rate [Hz]", "%.1f", figures.rate_Hz);
-    status.addf(name + "age, mean [ms]", "%.3f", 1e3 * figures.mean_age_s);
-    status.addf(name + "age, max [ms]", "%.3f", 1e3 * figures.max_age_s);
-    status.addf(name + "jitter [ms]", "%.3f", 1e3 * figures.jitter_s);
-    if (figures.has_dropped) {
-      const auto describe = [&figures](std::int64_t count) {
-          return figures.total_lost ? std::to_string(std::max(std::int64_t(0), count)) :
-                 "unknown: the middleware does not number the messages";
+  static void add_arrivals(Status & status, const char * name, const ArrivalFigures & arrivals) {
+    if (!arrivals.total_samples) {return;}
+    add(status, figures::STREAM_RATE, arrivals.rate_Hz, name);
+    add(status, figures::MEAN_AGE, 1e3 * arrivals.mean_age_s, name);
+    add(status, figures::MAX_AGE, 1e3 * arrivals.max_age_s, name);
+    add(status, figures::JITTER, 1e3 * arrivals.jitter_s, name);
+    if (arrivals.has_dropped) {
+      const auto describe = [&arrivals](std::int64_t count) {
+          return arrivals.total_lost ? std::to_string(std::max(std::int64_t(0), count)) : remarks::NOT_NUMBERED;
         };
-      const auto lost = figures.total_lost.value_or(0);
-      status.add(name + "dropped", figures.total_dropped);
-      status.add(name + "dropped, in this node's queue", figures.total_overflowed);
-      status.add(name + "dropped, lost on the way", describe(lost - figures.total_overflowed));
-      status.add(name + "dropped, not sent", describe(figures.total_dropped - lost));
+      const auto lost = arrivals.total_lost.value_or(0);
+      add(status, figures::DROPPED, arrivals.total_dropped, name);
+      add(status, figures::DROPPED_IN_QUEUE, arrivals.total_overflowed, name);
+      add(status, figures::DROPPED_ON_THE_WAY, describe(lost - arrivals.total_overflowed), name);
+      add(status, figures::NOT_SENT, describe(arrivals.total_dropped - lost), name);
     }
-    status.add(name + "out of order", figures.total_out_of_order);
-    status.add(name + "duplicates", figures.total_duplicates);
-    status.add(name + "interruptions", figures.total_interruptions);
+    add(status, figures::OUT_OF_ORDER, arrivals.total_out_of_order, name);
+    add(status, figures::DUPLICATES, arrivals.total_duplicates, name);
+    add(status, figures::INTERRUPTIONS, arrivals.total_interruptions, name);
   }
 
   const Damper & damper_;

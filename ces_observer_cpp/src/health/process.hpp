@@ -6,14 +6,30 @@
 #include <set>
 #include <sstream>
 #include <thread>
+#include <type_traits>
 
 #include <diagnostic_updater/diagnostic_status_wrapper.hpp>
 
 #include "core/clocks.hpp"
+#include "from_python.hpp"
 
 namespace ces {
 
 using Status = diagnostic_updater::DiagnosticStatusWrapper;
+
+// Add a value; `names` take the places of {} in its key.
+template<typename Value, typename ... Names>
+void add(Status & status, const Figure & figure, const Value & value, const Names & ... names) {
+  std::string key = figure.key;
+  (key.replace(key.find("{}"), 2, names), ...);
+  if constexpr (std::is_floating_point_v<Value>) {
+    status.addf(key, figure.form, value);
+  } else if constexpr (std::is_convertible_v<Value, std::string>) {
+    status.addf(key, figure.form, std::string(value).c_str());
+  } else {
+    status.add(key, value);
+  }
+}
 
 // Processor load between two calls of `roll`, as shares of one core: of the process and of the calling thread, which is
 // to run the executor.
@@ -29,7 +45,7 @@ public:
   void add_values(Status & status) const {
     for (const auto & [k, name] : {std::pair(1, "process"), std::pair(2, "executor")}) {
       const auto share = (now_[k] - before_[k]) / std::max(1.0, now_[0] - before_[0]);
-      status.addf(std::string(name) + " load [% of a core]", "%.1f", 100.0 * share);
+      add(status, figures::LOAD, 100.0 * share, name);
     }
   }
 

@@ -259,7 +259,7 @@ void ObserverNode::collect_values() {
   values_.add("unexpected errors", std::to_string(failures_) + ", the last: " + failure_);
   if (!made_) {return;}
   made_->health.add_values(values_);
-  values_.add("snapshot", made_->snapshot.state());
+  add(values_, figures::SNAPSHOT, made_->snapshot.state());
   made_->changes.add_values(values_);
   drops_.add_values(values_);
 }

@@ -3,13 +3,23 @@
 import json
 import re
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
+from log_examples import CURRENT, I_SLOW, START_NS, T_SLOW, F, T, X, assert_proposed, assert_recording
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from ces_data.bags.reader import read_recording
+from ces_data.logs import parquet
 from ces_data.logs.log_file import find_format, open_log
-from ces_data.logs.log_import import import_log
+from ces_data.logs.log_import import import_log, read_blocks
 from ces_data.logs.log_mapping import DynoMapping, parse_dyno_mapping
-from ces_observer.errors import RecordingError
+from ces_data.mapping.proposals import propose_signals
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
+from ces_observer.errors import CesError, RecordingError
 
 HEADS = {"log.mat": b"MATLAB 7.3 MAT-file".ljust(512)}
 
@@ -109,3 +119,149 @@ def test_an_asc_file_is_a_can_log_only_if_it_begins_like_one(tmp_path):
     (tmp_path / "log.asc").write_text("time\tposition\n0.0\t1.0\n")
     (tmp_path / "can.asc").write_text("date Wed May 1 12:00:00.250 pm 2024\nbase hex  timestamps absolute\n")
     assert (find_format(tmp_path / "log.asc"), find_format(tmp_path / "can.asc")) == ("csv", "can")
+
+
+# ------------- ROS 1 bags written by rosbags: read by every program with a signals file, and imported with a mapping.
+
+
+pytestmark = pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
+CUSTOM = "lab/msg/Valve"
+MAPPING = (
+    'position: {column: "/joint_states position[rear_damper]"}\n'
+    'current: {column: "/valve current_mA"}\nforce: {column: "/load wrench.force.z"}\n'
+)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg("std_msgs/Header header\nstring mode\nfloat32 current_mA\n", CUSTOM))
+    path = tmp_path_factory.mktemp("ros1") / "run.bag"
+    writer = Writer(path)
+    writer.set_compression(Writer.CompressionFormat.LZ4)
+    with writer:
+        for stamp, topic, message in sorted(messages(store.types), key=lambda row: row[0]):
+            kind = message.__msgtype__
+            found = [c for c in writer.connections if c.topic == topic]
+            connection = found[0] if found else writer.add_connection(topic, kind, typestore=store)
+            writer.write(connection, stamp, store.serialize_ros1(message, kind))
+    return path
+
+
+def messages(types):
+    def header(stamp, frame):
+        time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+        return types["std_msgs/msg/Header"](seq=7, stamp=time, frame_id=frame)
+
+    empty, vector = np.zeros(0), types["geometry_msgs/msg/Vector3"]
+    for k, t in enumerate(np.rint(T * 1e9).astype(int).tolist()):
+        stamp = START_NS + t
+        names, place = ["wheel", "rear_damper"], np.array([0.1, X[k]])
+        joint = types["sensor_msgs/msg/JointState"](
+            header=header(stamp, ""), name=names, position=place, velocity=empty, effort=empty
+        )
+        yield stamp + 50, "/joint_states", joint
+        wrench = types["geometry_msgs/msg/Wrench"](
+            force=vector(x=0.0, y=0.0, z=F[k]), torque=vector(x=0.0, y=0.0, z=0.0)
+        )
+        yield stamp + 60, "/load", types["geometry_msgs/msg/WrenchStamped"](header=header(stamp, "rig"), wrench=wrench)
+    for t, i in zip(np.rint(T_SLOW * 1e9).astype(int).tolist(), I_SLOW.tolist(), strict=True):
+        stamp = START_NS + t
+        yield stamp + 70, "/valve", types[CUSTOM](header=header(stamp, "abc"), mode="auto", current_mA=1000 * i)
+
+
+def test_every_program_reads_it_with_a_signals_file(path, tmp_path):
+    proposal = propose_signals([path])
+    assert proposal.selection.checks == ()
+    (tmp_path / "s.yaml").write_text(proposal.text)
+    assert_recording(read_recording(path, load_signals(tmp_path / "s.yaml")), START_NS, rtol=1e-6)
+
+
+def test_import_with_a_mapping(path):
+    text = MAPPING.replace('mA"}', 'mA", unit: mA}')
+    assert_recording(import_log(path, parse_dyno_mapping(text, "map.yaml")), START_NS, rtol=1e-6)
+
+
+def test_a_proposal_needs_no_mapping(path):
+    assert_proposed(path, start_ns=START_NS, rtol=1e-6)
+
+
+def test_mistakes_are_one_line(path, tmp_path):
+    for old, new, message in (
+        ("/load wrench", "/last wrench", r"no topic '/last'; the bag has /joint_states \(sensor_msgs/msg/JointState\)"),
+        ("force.z", "force.w", "no 'w' in"),
+        ("/load wrench.force.z", "/load", "expected topic and field, such as '/measured_force wrench.force.z'"),
+        ("position[rear_damper]", "position[front]", "no joint 'front'"),
+    ):
+        with pytest.raises(CesError, match=message.replace("[", r"\[")):
+            import_log(path, parse_dyno_mapping(MAPPING.replace(old, new), "map.yaml"))
+    damaged = Path(tmp_path / "damaged.bag")
+    damaged.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(CesError, match="not a ROS 1 bag, or damaged"):
+        import_log(damaged, parse_dyno_mapping(MAPPING, "map.yaml"))
+
+
+# ---------------------------------------- Parquet files written by pyarrow: units in the metadata, nulls, timestamps.
+
+
+pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+MAPPING_parquet = "time: {column: t}\nposition: {column: x}\ncurrent: {column: i}\nforce: {column: F}\n"
+UNITS = {"x": "mm", "i": "A", "F": "kN"}
+
+
+def write(path, **columns):
+    columns = {"t": T, "x": 1000 * X, "i": CURRENT, "F": F / 1000, **columns}
+    arrays = {name: pa.array(values) for name, values in columns.items()}
+    fields = [pa.field(n, a.type, metadata={"unit": UNITS[n]} if n in UNITS else {}) for n, a in arrays.items()]
+    pq.write_table(pa.table(list(arrays.values()), schema=pa.schema(fields)), path)
+    return path
+
+
+def test_units_come_from_the_metadata(tmp_path):
+    path = write(tmp_path / "log.parquet")
+    assert_recording(import_log(path, parse_dyno_mapping(MAPPING_parquet, "map.yaml")), slow=False)
+    assert_proposed(path, slow=False)
+
+
+def test_timestamps_are_absolute(tmp_path):
+    stamps = (START_NS + np.rint(T * 1e9).astype(np.int64)).astype("datetime64[ns]")
+    recording = import_log(write(tmp_path / "log.parquet", t=stamps), parse_dyno_mapping(MAPPING_parquet, "map.yaml"))
+    assert_recording(recording, START_NS, slow=False)
+
+
+def test_nulls_are_missing_samples_if_the_mapping_says_so(tmp_path):
+    slow = [value if k % 3 == 0 else None for k, value in enumerate(CURRENT.tolist())]
+    path = write(tmp_path / "log.parquet", i=slow)
+    with pytest.raises(
+        CesError, match=r"row 1: column 'i' is null; expected a number .*set blank: missing in map\.yaml"
+    ):
+        import_log(path, parse_dyno_mapping(MAPPING_parquet, "map.yaml"))
+    recording = import_log(path, parse_dyno_mapping(MAPPING_parquet + "blank: missing\n", "map.yaml"))
+    np.testing.assert_array_equal(recording.channel("current").values, CURRENT[::3])
+
+
+def test_a_long_file_is_the_same_in_blocks(tmp_path, monkeypatch):
+    path, rows = write(tmp_path / "log.parquet", i=[None, *CURRENT.tolist()[1:]]), len(T) // 3
+    wanted = parse_dyno_mapping(MAPPING_parquet + "blank: missing\n", "map.yaml")
+    whole = import_log(path, wanted)
+    monkeypatch.setattr(parquet, "MAX_ROWS", rows)
+    blocks = list(read_blocks(open_log(path, wanted), wanted))
+    assert len(blocks) >= 3
+    for name, channel in whole.channels.items():
+        np.testing.assert_array_equal(Recording.join(blocks).channel(name).stamps_ns, channel.stamps_ns)
+        np.testing.assert_array_equal(Recording.join(blocks).channel(name).values, channel.values)
+    write(path, i=[*CURRENT.tolist()[:-1], None])
+    with pytest.raises(CesError, match=f"row {len(T) - 1}: column 'i' is null"):
+        import_log(path, parse_dyno_mapping(MAPPING_parquet, "map.yaml"))
+
+
+def test_mistakes_are_one_line_parquet(tmp_path):
+    path = write(tmp_path / "log.parquet", i=["on"] * len(CURRENT))
+    with pytest.raises(CesError, match="column 'i' is string; expected numbers"):
+        import_log(path, parse_dyno_mapping(MAPPING_parquet, "map.yaml"))
+    with pytest.raises(CesError, match="no column 'Weg'; the table has t, x, i, F"):
+        import_log(path, parse_dyno_mapping(MAPPING_parquet.replace("column: x", "column: Weg"), "map.yaml"))
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(CesError, match="not a Parquet file, or damaged"):
+        import_log(path, parse_dyno_mapping(MAPPING_parquet, "map.yaml"))

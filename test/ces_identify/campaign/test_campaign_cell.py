@@ -6,7 +6,7 @@ import pytest
 from campaign_parts import CAMPAIGN, RULES, made
 
 from ces_identify.campaign import cells as module
-from ces_identify.campaign.cells import compute_cell, is_proved
+from ces_identify.campaign.cells import compute_cell
 from ces_identify.campaign.plan import jobs, load_campaign
 from ces_identify.jobs import CRASHED, DONE, FAILED
 from ces_identify.prepare.series import prepare
@@ -112,35 +112,3 @@ def test_a_search_that_was_interrupted_is_no_result(work, monkeypatch):
     monkeypatch.setattr(module, "identify", cut)
     with pytest.raises(KeyboardInterrupt):
         computed(work, "one", "polynomial")
-
-
-PHYSICAL = """\
-bags: {one: [one]}
-structures:
-  hydraulic: {kind: [uniflow, monotube], curves: 2}
-seed: [1]
-limits: {time: 3}
-"""
-
-
-@pytest.fixture(scope="module")
-def rows(tmp_path_factory):
-    path = tmp_path_factory.mktemp("physical") / "c.yaml"
-    path.write_text(PHYSICAL)
-    campaign = load_campaign(path)
-    recordings = {one: made(1, name=one.name) for one in campaign.paths}
-    return [compute_cell(job, [recordings[p] for p in job.paths]) for job in jobs(campaign, recordings, "")]
-
-
-def test_every_size_is_a_cell_with_a_proved_model(rows):
-    assert [done.row["status"] for done in rows] == [DONE] * 2
-    assert [done.row["structure"] for done in rows] == ["hydraulic"] * 2
-    for done in rows:
-        model = parse_model(*done.files.values(), "test")
-        assert done.row["gain"] is None
-        assert is_proved(done.row)
-        assert model.certificate["force_bound_any_input_N"] > 0.0
-        assert done.row["selection_J"] < 20.0
-    bodies = [parse_model(*done.files.values(), "test").body for done in rows]
-    assert [body.kind for body in bodies] == ["uniflow", "monotube"]
-    assert [len(edge.rows) for edge in (bodies[0].external, bodies[1].piston)] == [2, 2]

@@ -8,6 +8,7 @@ from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.rows import NO_CYCLES
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
+from ces_rig.experiments.virtual import load_experiment, packaged_experiments, run
 
 T, X, V = sine_motion()
 PEAK = 0.02 * 2.0 * np.pi * 2.0
@@ -157,3 +158,14 @@ def test_a_pause_is_not_bridged():
 def test_names_that_clash_are_refused():
     with pytest.raises(CesError, match="a simulation is named 'measured'"):
         characterise(recording_of(T, X, 0.5, V), simulations={"measured": [V]})
+
+
+@pytest.mark.slow
+def test_the_packaged_experiment_shows_all_of_it():
+    results = characterise(run(load_experiment(packaged_experiments()["characterise"])))
+    assert len({round(row.current_A, 2) for row in results.work}) == 4
+    assert len(results.work) == 20
+    assert min(row.cycles for row in results.work) >= 3
+    assert {(r.change, r.direction) for r in results.responses if r.steps >= 5} == {
+        (change, direction) for change in ("up", "down") for direction in ("compression", "rebound")
+    }

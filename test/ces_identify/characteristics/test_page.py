@@ -2,7 +2,6 @@
 
 import csv
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from ces_identify.characteristics.rows import TABLES
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_report.typesetting import format_spread
 
-ROOT = Path(__file__).resolve().parents[3]
 UNITS = {"_N": "N", "_J": "J", "_m": "m", "_s": "s", "_A": "A", "_Hz": "Hz", "_W": "W", "_m_s": "m/s", "_Ns_m": "Ns/m"}
 
 
@@ -52,11 +50,6 @@ def test_tables_have_documented_columns_in_si_units(results, tmp_path):
         ending = max((e for e in UNITS if one["column"].endswith(e)), key=len, default=None)
         if ending and one["column"] != "note":
             assert one["unit"] == UNITS[ending], one
-
-
-def test_the_documentation_lists_every_table():
-    text = (ROOT / "docs/characterise.md").read_text(encoding="utf-8")
-    assert all(f"`{table}.csv`" in text for table in TABLES)
 
 
 def test_the_page_shows_measured_beside_simulated(results):

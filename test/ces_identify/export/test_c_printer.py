@@ -22,27 +22,27 @@ SOURCES = [Path(tick.__path__[0]) / f"{name}.py" for name in tick.MODULES]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("core")
     write_core(path)
     return path
 
 
 @pytest.mark.needs("cc")
-def test_it_compiles_without_a_warning(folder: Path) -> None:
+def test_it_compiles_without_a_warning(folder):
     words = ["cc", "-std=c99", "-O2", *WARNINGS, "-c", "ces_core.c", "-o", "core.o"]
     subprocess.run(words, cwd=folder, check=True)
 
 
 @pytest.mark.needs("c++")
-def test_the_header_serves_cpp(folder: Path) -> None:
+def test_the_header_serves_cpp(folder):
     (folder / "use.cpp").write_text('#include "ces_core.h"\nint main() { return CES_KIND; }\n')
     subprocess.run(["c++", "-std=c++17", *WARNINGS, "-c", "use.cpp", "-o", "use.o"], cwd=folder, check=True)
 
 
 @pytest.mark.needs("cc")
 @pytest.mark.parametrize("flag", ["-ffast-math", "-mfpmath=387"])
-def test_it_refuses_to_be_rounded_otherwise(folder: Path, flag: str) -> None:
+def test_it_refuses_to_be_rounded_otherwise(folder, flag):
     words = ["cc", "-std=c99", flag, "-c", "ces_core.c", "-o", "core.o"]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     if "unrecognized" in done.stderr:
@@ -52,7 +52,7 @@ def test_it_refuses_to_be_rounded_otherwise(folder: Path, flag: str) -> None:
 
 
 @pytest.mark.needs("cc")
-def test_constants_have_their_values(folder: Path) -> None:
+def test_constants_have_their_values(folder):
     """All places of arrays, too: the C counts them by itself."""
     values = {}
     for path in SOURCES:
@@ -68,11 +68,11 @@ def test_constants_have_their_values(folder: Path) -> None:
     assert len(values) > 300
 
 
-def words_of(text: str) -> str:
+def words_of(text):
     return " ".join(word for word in text.split() if word not in ("*", "//", "/*", "*/", "#"))
 
 
-def test_comments_and_docstrings_are_printed() -> None:
+def test_comments_and_docstrings_are_printed():
     text = words_of(read_core().header + read_core().source)
     for path in SOURCES:
         source = path.read_text(encoding="utf-8")
@@ -81,7 +81,7 @@ def test_comments_and_docstrings_are_printed() -> None:
         assert all(words.startswith(("fmt:", "noqa")) for words in missing), (path, missing)
 
 
-def test_the_printer_needs_the_standard_library_only(tmp_path: Path) -> None:
+def test_the_printer_needs_the_standard_library_only(tmp_path):
     """It runs in setup.py and under CMake, before anything is installed."""
     root = Path(tick.__path__[0]).parent.parent
     words = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path.insert(0, {str(root)!r}); "
@@ -91,7 +91,7 @@ def test_the_printer_needs_the_standard_library_only(tmp_path: Path) -> None:
     assert (tmp_path / "ces_core.c").read_text() == read_core().source
 
 
-def compile_core(folder: Path, sources: dict[str, str], entry_points: list[str]) -> CDLL:
+def compile_core(folder, sources, entry_points):
     """Return the printed C of modules, compiled without a warning."""
     skip_without("cc")
     core = Core(sources, entry_points)
@@ -105,7 +105,7 @@ def compile_core(folder: Path, sources: dict[str, str], entry_points: list[str])
 OPERATORS = ("+", "-", "*", "/")
 
 
-def expression(rng: random.Random, depth: int) -> str:
+def expression(rng, depth):
     """Return a random expression of floats x, y, z."""
     if depth == 0:
         return rng.choice(("x", "y", "z", "0.1", "3.0"))
@@ -119,7 +119,7 @@ def expression(rng: random.Random, depth: int) -> str:
     return f"(({a}) if {test} else ({b}))" if form == 5 else f"({a}) - float(int(({b}) / 1.0e3) // 3 % 2)"
 
 
-def test_the_order_of_operations_is_that_of_the_source(tmp_path: Path) -> None:
+def test_the_order_of_operations_is_that_of_the_source(tmp_path):
     rng = random.Random(38)
     bodies = [expression(rng, 3) for _ in range(150)]
     functions = "\n\n".join(
@@ -172,7 +172,7 @@ def count(k: Ints, end: int) -> int:
 '''
 
 
-def test_loops_do_as_those_of_python(tmp_path: Path) -> None:
+def test_loops_do_as_those_of_python(tmp_path):
     compiled, names = compile_core(tmp_path, {"loops": LOOPS}, ["count"]).ces_count, {}
     exec(compile(LOOPS, "loops", "exec"), names)
     compiled.restype, compiled.argtypes = c_int64, [c_int64 * 1, c_int64]

@@ -38,7 +38,7 @@ def cc(folder, *words, compiler="cc"):
 @pytest.mark.slow
 @pytest.mark.needs("cc", "c++", "nm")
 @pytest.mark.parametrize("name", NAMES)
-def test_it_compiles_strictly_and_needs_nothing_but_math_and_no_globals(tmp_path, name) -> None:
+def test_it_compiles_strictly_and_needs_nothing_but_math_and_no_globals(tmp_path, name):
     files = write(tmp_path, MODELS[name]())
     cc(tmp_path, *STRICT, "-Os", "-c", *files)
     (tmp_path / "user.cpp").write_text(
@@ -63,7 +63,7 @@ def test_it_compiles_strictly_and_needs_nothing_but_math_and_no_globals(tmp_path
 
 
 @pytest.mark.needs("cc")
-def test_two_models_of_different_structures_share_the_core(tmp_path) -> None:
+def test_two_models_of_different_structures_share_the_core(tmp_path):
     files = {*write(tmp_path, MODELS["plain"](), "front"), *write(tmp_path, MODELS["network"](), "rear")}
     assert files == {"front.c", "rear.c", "ces_core.c"}
     (tmp_path / "main.c").write_text(
@@ -76,7 +76,7 @@ def test_two_models_of_different_structures_share_the_core(tmp_path) -> None:
 
 
 @pytest.mark.needs("cc")
-def test_a_core_of_another_version_is_refused_by_the_compiler(tmp_path) -> None:
+def test_a_core_of_another_version_is_refused_by_the_compiler(tmp_path):
     write(tmp_path, MODELS["plain"]())
     header = tmp_path / "ces_core.h"
     header.write_text(re.sub("(?<=CES_CORE_DIGEST 0x)....", "1234", header.read_text()))
@@ -85,7 +85,7 @@ def test_a_core_of_another_version_is_refused_by_the_compiler(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("name", ["plain, with a band", "a delay", "rules", "hydraulic"])
-def test_a_model_file_gives_the_same_code(name) -> None:
+def test_a_model_file_gives_the_same_code(name):
     model = MODELS[name]()
     code = export_c(model, "m", "m", UNPROVED)
     assert list(code) == ["m.c", "m.h", "ces_core.c", "ces_core.h"]
@@ -94,7 +94,7 @@ def test_a_model_file_gives_the_same_code(name) -> None:
     assert ("m_estimate" in code["m.h"]) == (model.sampling.delay_s > 0.0)
 
 
-def test_the_reasons_are_the_estimators() -> None:
+def test_the_reasons_are_the_estimators():
     assert [code for code, _ in CODES.values()] == list(range(RESTARTED))
     assert [text for _, text in CODES.values()] == list(REASONS[:RESTARTED])
 

@@ -15,8 +15,8 @@ from ces_identify.polynomial.selection import ThesisSearch
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError, ModelError
+from ces_observer.limits import FileLimits
 from ces_observer.nodes.model_check import require_stable
-from ces_observer.structures.terms import MAX_TERMS
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")]
 ROOT = Path(__file__).resolve().parents[3]
@@ -126,5 +126,5 @@ def test_regressors_that_diverge_are_refused_with_what_to_do():
 
 
 def test_only_the_procedure_of_the_thesis_has_no_limit_on_terms_unless_it_is_given():
-    assert (Limits().term_limit, Limits(method=THESIS).term_limit) == (25, MAX_TERMS)
+    assert (Limits().term_limit, Limits(method=THESIS).term_limit) == (25, FileLimits.MAX_TERMS)
     assert Limits(7).term_limit == Limits(7, method=THESIS).term_limit == 7

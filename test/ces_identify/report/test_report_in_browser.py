@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +15,7 @@ from report_examples import SAMPLING, damper, model
 from ces_gap.report.page import report_page
 from ces_identify.report.figures import choose_window
 from ces_identify.report.page import write_report
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 
 MAX_DRAWING_S = 1.0
 COMMAND = "ces identify " + " ".join(f"bags/a_rather_long_name_of_a_recording_{n}" for n in range(9))
@@ -27,21 +24,21 @@ LONG = model(sampling=replace(SAMPLING, rate_Hz=1000.0))
 
 
 @pytest.fixture(scope="module")
-def evaluations() -> list[Evaluation]:
+def evaluations():
     """Three recordings of 8 s at 1 kHz."""
     series = [damper(f"road_{n}", ticks=8_000, seed=n, rate_Hz=1000.0) for n in (1, 2, 3)]
     return evaluate(LONG, series[:1], IDENTIFICATION) + evaluate(LONG, series[1:], VALIDATION)
 
 
 @pytest.fixture(scope="module")
-def report(evaluations: list[Evaluation], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report(evaluations, tmp_path_factory):
     path = tmp_path_factory.mktemp("pages") / "report.html"
     write_report(path, "Model rear_damper.json", LONG, evaluations, {"Command": COMMAND})
     return path
 
 
 @pytest.fixture(scope="module")
-def pages(report: Path) -> dict[str, Path]:
+def pages(report):
     """A page of each kind."""
     folder = report.parent
     found = {"report": report, "gap": folder / "gap.html"}
@@ -50,13 +47,13 @@ def pages(report: Path) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="module")
-def opened(report: Path) -> Iterator[Any]:
+def opened(report):
     with open_page(report, height=2400) as page:
         yield page
 
 
 @pytest.fixture
-def page(opened: Any) -> Any:
+def page(opened):
     """The report as it is just after it was opened."""
     opened.mouse.move(0, 0)
     opened.set_viewport_size({"width": 1280, "height": 2400})
@@ -64,7 +61,7 @@ def page(opened: Any) -> Any:
     return opened
 
 
-def drawing_time(page: Any) -> float:
+def drawing_time(page):
     """The processor time [s] in which the browser reads, lays out and draws a page, whatever runs beside it."""
     browser = page.context.new_cdp_session(page)
     browser.send("Performance.enable", {"timeDomain": "threadTicks"})
@@ -73,25 +70,25 @@ def drawing_time(page: Any) -> float:
     return float(metrics["TaskDuration"])
 
 
-def ticks(page: Any, ident: str, area: int) -> list[float]:
+def ticks(page, ident, area):
     """The numbers at the x axis of an area."""
     texts = page.locator(f"#{ident}-plot g.area").nth(area).locator("text.mid").all_text_contents()
     return [float(text.replace("−", "-")) for text in texts]
 
 
-def values(page: Any, ident: str) -> dict[str, float]:
+def values(page, ident):
     """The values that the chart reads out, by name."""
     text = page.locator(f"#{ident}-plot .plot-readout").inner_text().replace("−", "-")
     found = re.findall(r"(\S+|Error, measured - simulated) (-?[\d.]+) (?:s|N|m/s)", text)
     return {name: float(value) for name, value in found}
 
 
-def middle(page: Any, ident: str, across: float = 0.5, down: float = 0.2) -> tuple[float, float]:
+def middle(page, ident, across=0.5, down=0.2):
     box = page.locator(f"#{ident}-plot .plot-frame").bounding_box()
     return box["x"] + across * box["width"], box["y"] + down * box["height"]
 
 
-def has_shadow(page: Any, table: Any) -> bool:
+def has_shadow(page, table):
     """Return whether a shadow is drawn along the right edge of what scrolls: whether its colour changes the picture."""
     table.scroll_into_view_if_needed()
     box = table.bounding_box()
@@ -103,12 +100,12 @@ def has_shadow(page: Any, table: Any) -> bool:
     return pictures[0] != pictures[1]
 
 
-def test_a_page_is_drawn_at_once(report: Path) -> None:
+def test_a_page_is_drawn_at_once(report):
     with open_page(report) as page:
         assert 0.0 < drawing_time(page) < MAX_DRAWING_S
 
 
-def test_a_drag_zooms_all_areas_and_a_double_click_resets(page: Any) -> None:
+def test_a_drag_zooms_all_areas_and_a_double_click_resets(page):
     first = ticks(page, "tp0", 1)
     x, y = middle(page, "tp0", 0.3)
     page.mouse.move(x, y)
@@ -123,7 +120,7 @@ def test_a_drag_zooms_all_areas_and_a_double_click_resets(page: Any) -> None:
     assert ticks(page, "tp0", 1) == first
 
 
-def test_the_wheel_zooms_a_chart_in_use_only(page: Any) -> None:
+def test_the_wheel_zooms_a_chart_in_use_only(page):
     first = ticks(page, "tp0", 1)
     x, y = middle(page, "tp0", 0.6)
     page.mouse.move(x, y)
@@ -135,7 +132,7 @@ def test_the_wheel_zooms_a_chart_in_use_only(page: Any) -> None:
     wait_until(lambda: np.diff(ticks(page, "tp0", 1)).max() < np.diff(first).max())
 
 
-def test_the_cursor_reads_the_recorded_values(page: Any, evaluations: list[Evaluation]) -> None:
+def test_the_cursor_reads_the_recorded_values(page, evaluations):
     shown = evaluations[1]  # validation comes first in the report
     page.mouse.move(*middle(page, "tp0", 0.37))
     read = values(page, "tp0")
@@ -148,7 +145,7 @@ def test_the_cursor_reads_the_recorded_values(page: Any, evaluations: list[Evalu
     assert error == pytest.approx(shown.series.force[tick] - shown.run.force[tick], abs=0.1)
 
 
-def test_the_cursor_reads_the_nearest_point_of_a_cloud(page: Any, evaluations: list[Evaluation]) -> None:
+def test_the_cursor_reads_the_nearest_point_of_a_cloud(page, evaluations):
     page.mouse.move(*middle(page, "sf0", 0.5, 0.5))
     text = page.locator("#sf0-plot .plot-readout").inner_text().replace("−", "-")
     speed, name, force = re.fullmatch(r"Speed (\S+) m/s\s+(measured|simulated) (\S+) N", text).groups()
@@ -158,7 +155,7 @@ def test_the_cursor_reads_the_nearest_point_of_a_cloud(page: Any, evaluations: l
     assert apart.min() < 1.0
 
 
-def test_keys_do_what_the_mouse_does(page: Any) -> None:
+def test_keys_do_what_the_mouse_does(page):
     frame = page.locator("#tp0-plot .plot-frame")
     first = ticks(page, "tp0", 1)
     frame.focus()
@@ -178,7 +175,7 @@ def test_keys_do_what_the_mouse_does(page: Any) -> None:
     assert ticks(page, "tp0", 1) == first
 
 
-def test_the_legend_hides_a_line_and_shows_it_again(page: Any) -> None:
+def test_the_legend_hides_a_line_and_shows_it_again(page):
     button = page.locator("#tp0-plot .plot-legend button", has_text="simulated")
     paths = page.locator("#tp0-plot g.area path.simulated")
     assert paths.count() == 1
@@ -188,23 +185,7 @@ def test_the_legend_hides_a_line_and_shows_it_again(page: Any) -> None:
     assert (paths.count(), button.get_attribute("aria-pressed")) == (1, "true")
 
 
-def test_no_peak_is_lost_when_all_is_shown(page: Any, evaluations: list[Evaluation]) -> None:
-    force = evaluations[1].series.force
-    page.locator("#tp0-plot .plot-controls button", has_text="All").click()
-    top = page.evaluate(
-        """() => {
-          const d = document.querySelector('#tp0-plot g.area path.measured').getAttribute('d');
-          return Math.min(...[...d.matchAll(/,(-?[\\d.]+)/g)].map(m => Number(m[1])));
-        }"""
-    )
-    highest = max(force.max(), evaluations[1].run.force.max())
-    lowest = min(force.min(), evaluations[1].run.force.min())
-    room = 0.05 * (highest - lowest)
-    pixels = 26.0 + 170.0 * (highest + room - force.max()) / (highest - lowest + 2.0 * room)
-    assert top == pytest.approx(pixels, abs=0.2)
-
-
-def test_charts_of_a_group_follow_each_other(pages: dict[str, Path]) -> None:
+def test_charts_of_a_group_follow_each_other(pages):
     with open_page(pages["gap"], height=3600) as page:
         first = ticks(page, "sf-after", 1)
         page.locator("#sf-before-plot .plot-controls button", has_text="+").click()
@@ -212,11 +193,11 @@ def test_charts_of_a_group_follow_each_other(pages: dict[str, Path]) -> None:
 
 
 @pytest.mark.parametrize("which", ["report", "gap"])
-def test_every_page_is_legible_on_screen_in_print_and_by_keys(pages: dict[str, Path], which: str) -> None:
+def test_every_page_is_legible_on_screen_in_print_and_by_keys(pages, which):
     assert find_faults(pages[which]) == []
 
 
-def test_a_table_that_scrolls_shows_it_and_keeps_its_names(page: Any) -> None:
+def test_a_table_that_scrolls_shows_it_and_keeps_its_names(page):
     page.set_viewport_size({"width": 390, "height": 900})
     table = page.locator("#costs .wide").first
     assert table.evaluate("e => e.scrollWidth > e.clientWidth + 50")
@@ -227,7 +208,7 @@ def test_a_table_that_scrolls_shows_it_and_keeps_its_names(page: Any) -> None:
     assert name["x"] == pytest.approx(table.bounding_box()["x"], abs=1.0)
 
 
-def test_without_a_script_the_page_is_whole(report: Path) -> None:
+def test_without_a_script_the_page_is_whole(report):
     with open_page(report, scripts=False) as page:
         assert page.locator("#tp0-plot svg path.measured").count() > 1  # legend and figure
         assert page.locator("#tp0-plot .plot-table tbody tr").count() == 3

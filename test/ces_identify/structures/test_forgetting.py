@@ -11,8 +11,9 @@ from ces_identify.limits import ForgettingLimits
 from ces_identify.structures.forgetting import measure_forgetting
 from ces_identify.structures.kit import Fitted, IdentifyOptions
 from ces_observer.errors import CesError
+from ces_observer.limits import ProofLimits
 from ces_observer.model import parse_model
-from ces_observer.proof.certificate import FORGOTTEN, contraction_s, largest_gain
+from ces_observer.proof.certificate import contraction_s, largest_gain
 from ces_observer.structures.hydraulic import NEVER_S
 
 RIDE = ride(1)
@@ -61,7 +62,7 @@ def test_a_contraction_forgets_in_the_time_that_follows_from_its_gain(gain, past
     apart = [1.0] * (past + inputs)
     while len(apart) < round(ticks) + past:
         apart.append(gain * apart[-past])
-    assert apart[-1] <= FORGOTTEN
+    assert apart[-1] <= ProofLimits.FORGOTTEN
     allowed = largest_gain(1e-3 * ticks, past, inputs, 1000.0)
     assert gain <= allowed < 1.0
     assert contraction_s(allowed * (1.0 - 1e-12), past, inputs, 1000.0) <= 1e-3 * ticks * (1.0 + 1e-9)

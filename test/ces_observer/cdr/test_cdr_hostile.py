@@ -10,9 +10,8 @@ from cdr_samples import JOINTS, READABLE, joints, reader, signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.cdr.layout import find_layout
+from ces_observer.cdr.layout import CdrUnsupportedError, find_layout, parse_message_type
 from ces_observer.cdr.signal import RawSignal
-from ces_observer.cdr.types import CdrUnsupportedError, parse_message_type
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 

@@ -19,12 +19,14 @@ from ces_observer.control.force_controller import (
     NOT_FINITE,
     OK,
     STALE,
+    CurveError,
     ForceController,
     ForceCurve,
     Tuning,
 )
 from ces_observer.control.inverse_map import compute_inverse_map
 from ces_observer.errors import CesError
+from ces_observer.nodes import parameter_table
 
 MS = 1_000_000
 START_NS = 10**18
@@ -49,7 +51,7 @@ def test_any_input_gives_a_command_within_limits_and_rate(steps: list[tuple[int,
     for elapsed_ns, speed, force in steps:
         stamp += elapsed_ns
         command = made.step(stamp, speed, force)
-        reach = TUNING.rate_A_s * TUNING.max_gap_s if stamp > newest else 0.0
+        reach = TUNING.rate_A_s * TUNING.timeout_s if stamp > newest else 0.0
         assert TUNING.low_A <= command <= TUNING.high_A
         assert abs(command - last) <= reach + 1e-12
         newest, last = stamp, command
@@ -310,3 +312,48 @@ def tracking_error(damper: Callable[[float, float], float], feed: bool, made: Fo
 
 def sweep(low: float, high: float) -> list[float]:
     return [low * (high / low) ** (n / 20_000) for n in range(20_001)]
+
+
+# ------------- The desired speed-force curve: linear between its points, held beyond them, refused if it could drive.
+
+
+CURVES = ForceCurve.from_points([-1.0, -0.2, 0.0, 0.5], [-900.0, -500.0, 0.0, 400.0])
+
+
+def test_points_and_between_them() -> None:
+    assert [CURVES.at(v) for v in (-1.0, -0.2, 0.0, 0.5)] == [-900.0, -500.0, 0.0, 400.0]
+    assert CURVES.at(-0.6) == pytest.approx(-700.0)
+    assert CURVES.at(0.25) == pytest.approx(200.0)
+
+
+def test_the_ends_hold() -> None:
+    assert CURVES.at(-50.0) == -900.0
+    assert CURVES.at(1e300) == 400.0
+
+
+@given(st.floats(-10.0, 10.0))
+def test_it_never_drives(speed: float) -> None:
+    assert speed * CURVES.at(speed) >= 0.0
+    assert -900.0 <= CURVES.at(speed) <= 400.0
+
+
+@pytest.mark.parametrize(
+    ("speeds", "forces", "text"),
+    [
+        ([0.0], [0.0], "1 speeds and 1 forces"),
+        ([-1.0, 1.0], [-5.0, 0.0, 5.0], "2 speeds and 3 forces"),
+        ([0.0, 1.0, 1.0], [0.0, 5.0, 6.0], "rising order"),
+        ([1.0, 0.0], [5.0, 0.0], "rising order"),
+        ([0.0, inf], [0.0, 5.0], "not finite"),
+        ([0.0, 1.0], [0.0, nan], "not finite"),
+        ([-1.0, 1.0], [5.0, 5.0], "5 N at -1 m/s would drive"),
+        ([-1.0, 2.0], [-100.0, 500.0], "100 N at rest"),
+    ],
+)
+def test_a_curve_that_cannot_be_used_is_refused(speeds: list[float], forces: list[float], text: str) -> None:
+    with pytest.raises(CurveError, match=text):
+        ForceCurve.from_points(speeds, forces)
+
+
+def test_the_default_curve_is_one() -> None:
+    assert ForceCurve.from_points(*(spec.default for spec in parameter_table.CURVE)).at(0.0) == 0.0

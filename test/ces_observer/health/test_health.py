@@ -14,7 +14,8 @@ from physical_models import LINEAR
 
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
-from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Health, NodeFacts, Status
+from ces_observer.health.diagnostics import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, NodeFacts, Status
+from ces_observer.health.health import Health
 from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
 from ces_observer.reasons import OK, OUT_OF_ORDER, OUTLIER, UNBOUNDED, WARMING_UP
@@ -141,12 +142,6 @@ def test_reasons_have_their_level_and_are_in_the_line(reason: str, level: int) -
     status = told(health, "since Tuesday")
     assert (status.level, status.message) == (level, f"withholding: {reason}: since Tuesday")
     assert told(health).message == f"withholding: {reason}"
-
-
-def test_an_empty_window_has_no_rate() -> None:
-    _, health = damper_and_health()
-    health.roll(1.0, 0)
-    assert dict(told(health).values)["rate [Hz]"] == "0.0"
 
 
 def step(damper: DamperObserver, health: Health, k: int, position: float = 0.01) -> None:

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ces_observer.health.arrivals import LEARN
-from ces_observer.health.streams import Arrivals, StreamFigures
+from ces_observer.health.arrivals import LEARN, MAX_SWITCHES
+from ces_observer.health.diagnostics import Remarks
+from ces_observer.health.streams import Arrivals, Losses, StreamFigures
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -184,3 +185,143 @@ def test_any_stamps_are_survived(stamps: list[int], nows: list[int]) -> None:
     figures = arrivals.roll(1.0)
     assert figures.samples == min(len(stamps), len(nows))
     assert figures.dropped is not None and figures.dropped >= 0
+
+
+# ------------- A paused source, a loss on the way and a full queue are distinguished where the middleware shows them.
+
+
+HOUR, YEAR = 3600 * SECOND, 365 * 86_400 * SECOND
+BEFORE, AFTER = range(200), range(300, 500)  # samples of a millisecond; a hundred are missing between them
+
+
+def run(losses: Losses, *, numbers: tuple[range, range] | None, wait_ms: int = 0) -> dict[str, str]:
+    """Return the values after a gap; the messages after it are read `wait_ms` late, in a burst."""
+    arrivals = Arrivals(losses=losses)
+    for part, ticks in enumerate((BEFORE, AFTER)):
+        for k, tick in enumerate(ticks):
+            losses.take_number(None if numbers is None else numbers[part][k])
+            late_ms = max(0, wait_ms - k) if part else 0
+            arrivals.take(START + tick * MS, START + (tick + late_ms) * MS)
+    figures = arrivals.roll(1.0)
+    return {**dict(figures.values("position")), "sentence": f"missing{figures.describe_missing()}"}
+
+
+def results(values: dict[str, str]) -> tuple[str, ...]:
+    keys = ("dropped", "dropped, in this node's queue", "dropped, lost on the way", "dropped, not sent")
+    return tuple(values[f"position: {key}"] for key in keys)
+
+
+UNKNOWN = Remarks.NOT_NUMBERED
+QUEUED = "missing, 100 of them dropped by this node's queue: set input_depth higher"
+
+
+@pytest.mark.parametrize(
+    ("depth", "numbers_after", "wait_ms", "dropped", "sentence"),
+    [
+        (1000, 200, 0, ("0", "0", "100"), "missing: the source paused"),
+        (1000, 280, 0, ("0", "80", "20"), "missing, 80 of them lost on the way"),
+        (1000, None, 0, ("0", UNKNOWN, UNKNOWN), "missing: lost on the way, or the source paused"),
+        (150, None, 150, ("100", UNKNOWN, UNKNOWN), QUEUED),
+        (150, None, 100, ("0", UNKNOWN, UNKNOWN), "missing: lost on the way, or the source paused"),
+        (150, 300, 150, ("100", "0", "0"), QUEUED),
+    ],
+    ids=[
+        "paused",
+        "lost on the way",
+        "without numbers",
+        "full queue",
+        "burst shorter than the queue",
+        "numbered queue",
+    ],
+)
+def test_what_became_of_missing_samples(depth, numbers_after, wait_ms, dropped, sentence) -> None:
+    """In this node's queue, lost on the way, not sent."""
+    numbers = None if numbers_after is None else (range(200), range(numbers_after, numbers_after + 200))
+    values = run(Losses(depth), numbers=numbers, wait_ms=wait_ms)
+    assert results(values) == ("100", *dropped)
+    assert values["sentence"] == sentence
+
+
+def test_an_overflow_that_takes_seconds_is_no_interruption() -> None:
+    losses = Losses(1500)
+    arrivals = Arrivals(losses=losses)
+    for tick in range(200):
+        arrivals.take(START + tick * MS, START + tick * MS)
+    for tick in range(2700, 4200):
+        arrivals.take(START + tick * MS, START + 4200 * MS)
+    figures = arrivals.roll(1.0)
+    assert (figures.total_dropped, figures.total_interruptions) == (2500, 0)
+    assert figures.total_overflowed == pytest.approx(2500)
+
+
+def test_a_queue_that_overflows_while_it_is_read_is_known_on_clocks_that_differ() -> None:
+    arrivals, ahead = Arrivals(losses=Losses(100)), HOUR
+    for tick in range(1000):
+        arrivals.take(START + tick * MS + ahead, START + tick * MS)
+    arrivals.roll(1.0)
+    for tick in (1000, *range(1400, 1500)):  # read one after the other, after a stall of half a second
+        arrivals.take(START + tick * MS + ahead, START + 1500 * MS)
+    for tick in range(1500, 1600):
+        arrivals.take(START + tick * MS + ahead, START + tick * MS)
+    figures = arrivals.roll(1.0)
+    assert (figures.dropped, figures.overflowed) == (399, 399)
+
+
+def test_numbers_of_several_publishers_cannot_be_used() -> None:
+    losses = Losses(1000)
+    usable = [losses.take_number(k // 2 + 10**6 * (k % 2)) for k in range(4 * MAX_SWITCHES)]
+    assert usable[0]
+    assert not usable[-1]
+    assert losses.lost is None
+
+
+def test_a_publisher_that_is_started_again_loses_nothing() -> None:
+    losses = Losses(1000)
+    assert all(losses.take_number(number) for number in [*range(500), *range(500)])
+    assert losses.lost == 0
+
+
+FORGED = (50 * YEAR, -50 * YEAR, -(2**61), HOUR, -HOUR, 30 * SECOND, -30 * SECOND, 900 * MS, -900 * MS)
+
+
+@pytest.mark.parametrize("offset_ns", FORGED)
+def test_a_forged_stamp_is_one_interruption_and_the_counts_go_on(offset_ns: int) -> None:
+    """Its sample is missing, and no other; nothing is said of the queue."""
+    arrivals = Arrivals(losses=Losses(1000))
+    for tick in range(6000):
+        forged = tick in (2500, 3100)
+        arrivals.take(START + tick * MS + (offset_ns if forged else 0), START + tick * MS)
+        if tick % 1000 == 999:
+            figures = arrivals.roll(1.0)
+            assert (figures.dropped, figures.overflowed) == (int(2000 < tick < 4000), 0)
+            assert abs(figures.mean_age_s) < 1e-6
+    assert (figures.total_dropped, figures.total_interruptions) == (2, 2)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32))
+def test_dropped_never_runs_back_nor_exceeds_what_fits(seed: int) -> None:
+    """Samples are lost, late and forged at random."""
+    chance = random.Random(seed)
+    arrivals, total = Arrivals(losses=Losses(50)), 0
+    for tick in range(1000):
+        offset_ns = chance.choice(FORGED) if chance.random() < 0.03 else -chance.choice((0, 0, 0, 3)) * MS
+        if chance.random() < 0.95:
+            arrivals.take(START + tick * MS + offset_ns, START + tick * MS)
+        if tick % 100 == 99:
+            figures = arrivals.roll(0.1)
+            assert figures.total_dropped is not None
+            assert total <= figures.total_dropped <= total + 100 and not figures.total_overflowed
+            total = figures.total_dropped
+
+
+def test_after_the_nodes_clock_was_set_a_gap_is_no_overflow() -> None:
+    arrivals = Arrivals(losses=Losses(1000))
+    for tick in range(4000):
+        if tick == 1500:
+            arrivals.restart_ages()
+        if not 1700 <= tick < 1800 and not 2700 <= tick < 2800:
+            arrivals.take(START + tick * MS, START + tick * MS + (5 * SECOND if tick >= 1500 else 0))
+        if tick % 1000 == 999:
+            figures = arrivals.roll(1.0)
+    assert (figures.total_dropped, figures.total_overflowed, figures.mean_age_s) == (200, 0, 5.0)

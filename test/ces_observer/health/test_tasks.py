@@ -6,16 +6,16 @@ from damper_models import plain_damper
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.damper_observer import DamperObserver
-from ces_observer.health.health import (
+from ces_observer.health.diagnostics import (
     INACTIVE,
     LEVEL_ERROR,
     LEVEL_OK,
     LEVEL_WARN,
-    Health,
     NodeFacts,
     Status,
     unconfigured_report,
 )
+from ces_observer.health.health import Health
 from ces_observer.health.running_cost import RunningCost
 from ces_observer.reasons import OK
 

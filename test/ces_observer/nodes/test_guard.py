@@ -11,16 +11,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from ces_observer.nodes.guard import (
-    MAX_KINDS,
-    MAX_LENGTH,
-    MAX_NAME_LENGTH,
-    MAX_NAMES,
-    MAX_VALUE_LENGTH,
-    VALUES,
-    Guard,
-    find_excess,
-)
+from ces_observer.limits import NodeLimits
+from ces_observer.nodes.guard import MAX_KINDS, MAX_LENGTH, VALUES, Guard, find_excess
 
 
 def fail(error: BaseException) -> None:
@@ -142,15 +134,19 @@ class Value:
 
 def test_usual_requests_pass() -> None:
     assert find_excess(SimpleNamespace()) == ""  # as of std_srvs/Trigger
-    assert find_excess(SimpleNamespace(names=["model"] * MAX_NAMES)) == ""
-    assert find_excess(SimpleNamespace(prefixes=["a" * MAX_NAME_LENGTH], depth=2)) == ""
-    value = Value("m" * MAX_VALUE_LENGTH, double_array_value=[0.0] * MAX_VALUE_LENGTH, string_array_value=["a"])
+    assert find_excess(SimpleNamespace(names=["model"] * NodeLimits.MAX_NAMES)) == ""
+    assert find_excess(SimpleNamespace(prefixes=["a" * NodeLimits.MAX_NAME_LENGTH], depth=2)) == ""
+    value = Value(
+        "m" * NodeLimits.MAX_VALUE_LENGTH,
+        double_array_value=[0.0] * NodeLimits.MAX_VALUE_LENGTH,
+        string_array_value=["a"],
+    )
     assert find_excess(SimpleNamespace(parameters=[SimpleNamespace(name="model", value=value)])) == ""
 
 
 @pytest.mark.parametrize("name", ["names", "prefixes", "parameters"])
 def test_too_many(name: str) -> None:
-    request = SimpleNamespace(**{name: ["a"] * (MAX_NAMES + 1)})
+    request = SimpleNamespace(**{name: ["a"] * (NodeLimits.MAX_NAMES + 1)})
     assert find_excess(request) == f"501 {name} in one request; expected at most 500"
 
 
@@ -162,7 +158,13 @@ def test_too_long_a_name() -> None:
 
 @pytest.mark.parametrize("kind", VALUES)
 def test_too_long_a_value(kind: str) -> None:
-    value = Value(**{kind: "a" * (MAX_VALUE_LENGTH + 1) if kind == "string_value" else [0] * (MAX_VALUE_LENGTH + 1)})
+    value = Value(
+        **{
+            kind: "a" * (NodeLimits.MAX_VALUE_LENGTH + 1)
+            if kind == "string_value"
+            else [0] * (NodeLimits.MAX_VALUE_LENGTH + 1)
+        }
+    )
     request = SimpleNamespace(parameters=[SimpleNamespace(name="model", value=value)])
     assert find_excess(request) == "parameter 'model' has 10001 characters or elements; expected at most 10000"
 
@@ -173,6 +175,6 @@ def test_an_unknown_type() -> None:
 
 
 def test_too_long_a_string_in_an_array() -> None:
-    value = Value(string_array_value=["a", "b" * (MAX_VALUE_LENGTH + 1)])
+    value = Value(string_array_value=["a", "b" * (NodeLimits.MAX_VALUE_LENGTH + 1)])
     request = SimpleNamespace(parameters=[SimpleNamespace(name="dampers", value=value)])
     assert "parameter 'dampers' has a string of more than" in find_excess(request)

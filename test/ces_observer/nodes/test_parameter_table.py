@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from parameter_cases import AT_START, CASES
 
 from ces_observer.errors import CesError
+from ces_observer.model import load_model
 from ces_observer.nodes.parameter_table import (
     DAMPERS,
     NAME,
     OF_A_DAMPER,
+    OF_THE_CONTROLLER,
     OF_THE_NODE,
     check_value,
     find_unknown,
@@ -82,3 +85,29 @@ def test_the_shipped_file_shows_the_defaults() -> None:
             assert parameters[name] == spec.default, name
     signals = {name: parameters[name] for name in ("position", "current", "force")}
     assert Signals.from_mapping(signals, "shipped").by_name == Signals.from_mapping({}, "defaults").by_name
+
+
+# ------------------- The controller's shipped_ct parameter file and sample model say what the code takes for granted.
+
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+NOT_IN_THE_FILE = {"model"}
+
+
+def shipped_ct() -> dict[str, Any]:
+    given = yaml.safe_load((CONFIG / "controller.yaml").read_text(encoding="utf-8"))["/**"]["ros__parameters"]
+    curve = {f"curve.{key}": points for key, points in given.pop("curve").items()}
+    return {**given, **curve}
+
+
+def test_the_file_shows_every_parameter_at_its_default() -> None:
+    given = shipped_ct()
+    assert given.pop("use_sim_time") is False
+    defaults = {spec.name: spec.default for spec in OF_THE_CONTROLLER}
+    assert given == {name: value for name, value in defaults.items() if name not in NOT_IN_THE_FILE}
+
+
+def test_the_sample_model_is_proved_stable_and_tells_where_it_is_from() -> None:
+    model = load_model(CONFIG / "models" / "sample.json")
+    assert model.is_stable()
+    assert [one["recording"] for one in model.provenance["identification"]] == ["noise", "sweep", "road"]

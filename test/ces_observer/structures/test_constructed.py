@@ -183,15 +183,6 @@ FULL = model(
 )
 
 
-def test_a_saved_model_reads_back_equal_with_what_its_terms_use():
-    again = parse_model(FULL.to_json(), "m.json")
-    assert again == FULL
-    assert again.digest() == FULL.digest()
-    assert [one["name"] for one in json.loads(FULL.to_json())["constructed"]] == [
-        "frequency", "hysteresis", "slack", "valve", "by_current_1", "by_stop_2"
-    ]  # fmt: skip
-
-
 def test_a_model_without_constructed_inputs_does_not_mention_them():
     assert "constructed" not in make_model().to_json()
 
@@ -207,7 +198,6 @@ def test_two_of_a_name_are_refused():
     ("at", "change", "message"),
     [
         (1, {"half_width": 0.0}, "half_width is 0.0; expected a number from 1e-09"),
-        (1, {"half_width": float("nan")}, "half_width is nan"),
         (1, {"of": "force"}, "of is 'force'; expected one of position, speed, current"),
         (1, {"of": "frequency"}, "of is 'frequency'"),
         (1, {"kind": "spline"}, "kind is 'spline'; expected one of stop, play, lag, frequency, hat"),
@@ -217,10 +207,7 @@ def test_two_of_a_name_are_refused():
         (1, {"name": "frequency"}, "name 'frequency' occurs twice"),
         (0, {"range_Hz": [5.0, 5.0]}, r"range_Hz is \[5, 5\]"),
         (0, {"range_Hz": [0.0, 5.0]}, r"range_Hz\[0\] is 0.0; expected a number from 0.001"),
-        (0, {"time_constant_s": 0.0}, "time_constant_s is 0.0"),
-        (0, {"floor_m": 0.0}, "floor_m is 0.0"),
         (3, {"time_constant_s": 0.0}, "time_constant_s is 0.0; expected a number from 0.0001"),
-        (3, {"time_constant_s": "auto"}, "time_constant_s is 'auto'; expected a number from 0.0001"),
         (3, {"of": "hysteresis"}, "of is 'hysteresis'; expected one of position, speed, current"),
         (4, {"peak": 0.9}, "low None, peak 0.9, high 0.5; expected low < peak < high"),
         (4, {"high": None}, "one not null"),

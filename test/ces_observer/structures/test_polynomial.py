@@ -139,10 +139,6 @@ def test_a_force_that_is_no_number_is_infinite():
     assert run.tick(0.0, math.nan, 0.0) == math.inf
 
 
-def test_a_model_without_terms_has_no_force():
-    assert model().make_predictor().tick(0.0, 1.0, 0.5) == 0.0
-
-
 def everything():
     terms = [Term(1.0, (Factor(one.name, 3, 1.0, False, one), FIRST)) for one in (*MADE, *HATS)]
     return model(*terms, Term(5.0, (Factor("speed", 4, 0.7), Factor("current", 2))), limits=(-1e30, 1e30))

@@ -9,7 +9,7 @@ import pytest
 from recurrent_models import ENVELOPE, make_recurrent, recurrent_model
 
 from ces_observer.errors import ModelError
-from ces_observer.model import load_model, parse_model
+from ces_observer.model import parse_model
 from ces_observer.structures.recurrent import Member, Recurrent, ScaledInput, Stage
 
 WIDE = (-1e9, 1e9)
@@ -92,15 +92,6 @@ def test_a_tick_without_a_number_has_no_force_and_reset_heals_it():
     assert [run.tick(*row) for row in rows] == [new.tick(*row) for row in rows]
 
 
-@pytest.mark.parametrize("current", [True, False])
-def test_a_saved_model_reads_back_equal(tmp_path, current):
-    model = recurrent_model(make_recurrent(current=current))
-    model.save(tmp_path / "m.json")
-    again = load_model(tmp_path / "m.json")
-    assert again == model
-    assert again.size == f"2 networks with {12 if current else 10} filters, {model.body.parameters} parameters"
-
-
 def first(m):
     return m["recurrent"]["members"][0]["first"]
 
@@ -109,24 +100,14 @@ def first(m):
     ("change", "message"),
     [
         (lambda m: m.pop("recurrent"), "key 'recurrent' is missing"),
-        (lambda m: m["recurrent"].update(scale_N=0.0), "scale_N is 0.0"),
-        (lambda m: m["recurrent"].update(smoothing_m_s=-1.0), "smoothing_m_s is -1.0"),
         (lambda m: m["recurrent"].update(motion=[]), "motion is .*a list of 1 to 4"),
         (lambda m: m["recurrent"]["motion"][0].update(signal="force"), "signal is 'force'"),
-        (lambda m: m["recurrent"]["motion"][0].update(spread=0), "spread is 0"),
         (lambda m: m["recurrent"].update(current=[]), "expected null for the current, which is no input"),
         (lambda m: m["recurrent"].update(members=m["recurrent"]["members"] * 5), "members is .*a list of 1 to 8"),
         (lambda m: m["recurrent"]["members"][1].update(current=None), "expected a stage for the current"),
         (lambda m: first(m).update(decay_s=[0.01, 0.02]), r"first: frequency_Hz is .*a list of 2 numbers"),
         (lambda m: first(m).update(decay_s=[]), "first: decay_s is .*a list of 1 to 64 numbers"),
-        (
-            lambda m: first(m)["decay_s"].__setitem__(1, 0.0),
-            r"decay_s\[1\] is 0.0; expected a number from 0.0001 to 1 s",
-        ),
-        (lambda m: first(m)["decay_s"].__setitem__(1, 5.0), r"decay_s\[1\] is 5.0"),
         (lambda m: first(m)["frequency_Hz"].append(1.0), "frequency_Hz is"),
-        (lambda m: first(m)["hidden"].__setitem__(0, math.nan), r"hidden\[0\] is nan"),
-        (lambda m: first(m)["out"].__setitem__(0, 1e10), r"out\[0\] is .*to 1000000000"),
         (lambda m: first(m).update(hidden_bias=[0.1] * 65), "hidden_bias is .*a list of 1 to 64 numbers"),
         (lambda m: first(m).update(gain=[1.0]), "unknown key 'gain'"),
     ],

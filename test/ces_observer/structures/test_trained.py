@@ -7,7 +7,7 @@ import pytest
 from trained_models import experts_model, fuzzy_model, network_model
 
 from ces_observer.errors import ModelError
-from ces_observer.model import load_model, parse_model
+from ces_observer.model import parse_model
 
 net, fuz = network_model, fuzzy_model
 BOTH = {
@@ -35,14 +35,6 @@ def test_reset_brings_a_run_back_to_new(make):
     assert [run.tick(*row) for row in inputs] == first
 
 
-@pytest.mark.parametrize("make", BOTH)
-def test_a_saved_model_reads_back_equal(make, tmp_path):
-    make().save(tmp_path / "m.json")
-    again = load_model(tmp_path / "m.json")
-    assert again == make()
-    assert again.size == BOTH[make]
-
-
 def needles(m):
     for premise in m["fuzzy"]["premises"]:
         for bell in premise["memberships"]:
@@ -56,32 +48,20 @@ def needles(m):
         (net, lambda m: m.update(structure="polynomial_narx"), "unknown key 'network'; known are .*terms"),
         (net, lambda m: m.update(structure="anfis"), "'fuzzy' is missing|unknown key 'network'"),
         (net, lambda m: m["network"].pop("constant"), "network: key 'constant' is missing"),
-        (net, lambda m: m["network"].update(scale_N=0.0), "scale_N is 0.0"),
-        (net, lambda m: m["network"].update(scale_N=float("nan")), "scale_N is nan"),
         (net, lambda m: m["network"].update(linear=[1.0]), "linear is .*; expected a list of 5 numbers"),
-        (net, lambda m: m["network"]["linear"].__setitem__(0, float("nan")), r"linear\[0\] is nan; expected a finite"),
-        (net, lambda m: m["network"]["linear"].__setitem__(0, True), r"linear\[0\] is True"),
-        (net, lambda m: m["network"]["linear"].__setitem__(0, 1e10), "to 1000000000"),
         (net, lambda m: m["network"]["units"][1]["slopes"].append(1.0), r"units\[1\]: slopes is"),
-        (net, lambda m: m["network"]["units"][0].update(weight="2"), r"units\[0\]: weight is '2'"),
         (net, lambda m: m["network"].update(units=m["network"]["units"] * 150), "units is .*a list of 0 to 200"),
         (net, lambda m: m["network"].update(regressors=[]), "regressors is .*a list of 1 to 64"),
         (net, lambda m: m["network"]["regressors"][0].update(lag=0), r"regressors\[0\]: lag is 0; expected .* from 1"),
-        (net, lambda m: m["network"]["regressors"][2].update(lag=5000), r"regressors\[2\]: lag is 5000"),
-        (net, lambda m: m["network"]["regressors"][2].update(spread=0), "spread is 0"),
         (net, lambda m: m["network"]["regressors"][2].update(signal="valve"), "signal is 'valve'"),
         (fuz, lambda m: m.pop("fuzzy"), "'fuzzy' is missing|unknown key 'network'"),
         (fuz, lambda m: m["fuzzy"].pop("premises"), "fuzzy: key 'premises' is missing"),
         (fuz, lambda m: m["fuzzy"]["premises"][0].update(signal="force"), "signal is 'force'; expected one of speed"),
-        (fuz, lambda m: m["fuzzy"]["premises"][0]["memberships"][0].update(width=0.0), "width is 0.0"),
-        (fuz, lambda m: m["fuzzy"]["premises"][0]["memberships"][0].update(slope=1e3), "slope is 1000.0"),
-        (fuz, lambda m: m["fuzzy"]["premises"][0]["memberships"][0].update(centre=float("inf")), "centre is inf"),
         (fuz, lambda m: m["fuzzy"]["rules"][2].update(memberships=[0, 2]), r"rules\[2\]: membership 2 of current"),
         (fuz, lambda m: m["fuzzy"]["rules"][2].update(memberships=[0, 0.5]), r"rules\[2\]: memberships\[1\] is 0.5"),
         (fuz, lambda m: m["fuzzy"]["rules"][2].update(memberships=[-1, 0]), r"rules\[2\]: memberships\[0\] is -1"),
         (fuz, lambda m: m["fuzzy"]["rules"][2].update(memberships=[0]), "memberships is .*a list of 2"),
         (fuz, lambda m: m["fuzzy"]["rules"][0].update(linear=[1.0]), "linear is .*a list of 5"),
-        (fuz, lambda m: m["fuzzy"]["rules"][0].update(constant=None), "constant is None"),
         (fuz, lambda m: m["fuzzy"].update(rules=[]), "rules is .*a list of 1 to 200"),
         (fuz, needles, "no rule applies in a part of the input envelope"),
     ],
