@@ -65,7 +65,7 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 141.7,
+    "ces_observer": 141.8,
     "ces_data": 93.8,
     "ces_report": 12.7,
     "ces_identify": 169.3,
