@@ -199,7 +199,7 @@ ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
 TEMPERATURE = "sensor_msgs/msg/Temperature"
 IMAGE, BYTES = "sensor_msgs/msg/CompressedImage", "std_msgs/msg/UInt8MultiArray"
-T, X, CURRENT, F = bags.motion()
+BAG_T, BAG_X, BAG_CURRENT, BAG_F = bags.motion()
 
 
 def proposed(tmp_path, *streams, store=tiny.JAZZY):
@@ -215,7 +215,7 @@ def reread(tmp_path, path, damper=""):
     return read_recording(path, load_signals(Path(f"{file}#{damper}") if damper else file))
 
 
-def assert_reads(recording, x=X, i=CURRENT, f=F, rtol=1e-6):
+def assert_reads(recording, x=BAG_X, i=BAG_CURRENT, f=BAG_F, rtol=1e-6):
     for name, values in (("position", x), ("current", i), ("force", f)):
         np.testing.assert_allclose(recording.channel(name).values, values, rtol=rtol, atol=1e-6 * np.abs(values).max())
 
@@ -234,14 +234,20 @@ def test_a_sample_bag_gives_the_packaged_file(tmp_path):
 def test_renamed_topics_beside_distractors(tmp_path):
     stream, numbers, oil = bags.stream, bags.numbers, tiny.TYPES[TEMPERATURE]
     streams = [
-        bags.joints("/rig/joints", ["wheel", "piston"], np.sin(T), X),
-        bags.numbers("/rig/solenoid", CURRENT),
-        bags.wrenches("/rig/loadcell", F),
+        bags.joints("/rig/joints", ["wheel", "piston"], np.sin(BAG_T), BAG_X),
+        bags.numbers("/rig/solenoid", BAG_CURRENT),
+        bags.wrenches("/rig/loadcell", BAG_F),
         stream(
-            "/oil", TEMPERATURE, lambda t, v: oil(header=tiny.header(t), temperature=v, variance=0.0), 40.0 + 1e-3 * T
+            "/oil",
+            TEMPERATURE,
+            lambda t, v: oil(header=tiny.header(t), temperature=v, variance=0.0),
+            40.0 + 1e-3 * BAG_T,
         ),
-        *(numbers(topic, v) for topic, v in (("/stroke_cmd", X), ("/desired_force", F), ("/cycle_counter", T))),
-        numbers("/battery/current", 4.0 + np.random.default_rng(3).normal(0, 0.05, len(X))),
+        *(
+            numbers(topic, v)
+            for topic, v in (("/stroke_cmd", BAG_X), ("/desired_force", BAG_F), ("/cycle_counter", BAG_T))
+        ),
+        numbers("/battery/current", 4.0 + np.random.default_rng(3).normal(0, 0.05, len(BAG_X))),
     ]
     proposal, path = proposed(tmp_path, *streams)
     assert_reads(reread(tmp_path, path))
@@ -254,15 +260,15 @@ def test_renamed_topics_beside_distractors(tmp_path):
 def test_front_and_rear_become_two_dampers_that_share_a_current(tmp_path):
     _, x2, _, f2 = bags.motion(seed=1.0)
     streams = [
-        bags.joints("/joint_states", ["front_damper", "rear_damper"], X, x2),
-        bags.numbers("/valve_current", CURRENT),
-        bags.wrenches("/front/force", F),
+        bags.joints("/joint_states", ["front_damper", "rear_damper"], BAG_X, x2),
+        bags.numbers("/valve_current", BAG_CURRENT),
+        bags.wrenches("/front/force", BAG_F),
         bags.wrenches("/rear/force", f2),
     ]
     proposal, path = proposed(tmp_path, *streams)
     assert set(proposal.selection.names) == {"front", "rear"}
     assert_reads(reread(tmp_path, path, "front"))
-    assert_reads(reread(tmp_path, path, "rear"), x2, CURRENT, f2)
+    assert_reads(reread(tmp_path, path, "rear"), x2, BAG_CURRENT, f2)
 
 
 def test_a_bag_without_a_signal_is_refused_with_what_it_has(tmp_path):
@@ -274,7 +280,11 @@ def test_a_bag_without_a_signal_is_refused_with_what_it_has(tmp_path):
 
 
 def test_names_that_yaml_would_read_otherwise_are_quoted(tmp_path):
-    streams = [bags.numbers("/rig/lvdt: mm #1", X), bags.numbers("/coil/current", CURRENT), bags.wrenches("/load", F)]
+    streams = [
+        bags.numbers("/rig/lvdt: mm #1", BAG_X),
+        bags.numbers("/coil/current", BAG_CURRENT),
+        bags.wrenches("/load", BAG_F),
+    ]
     path = tiny.write(tmp_path / "run\nposition", streams)
     proposal = propose_signals([path])
     (tmp_path / "proposed.yaml").write_text(proposal.text)
@@ -284,27 +294,33 @@ def test_names_that_yaml_would_read_otherwise_are_quoted(tmp_path):
 
 
 STORE = bags.custom_store()
-X_MM, X_TURNED, F_TURNED = 1000 * X, -X, -F
-NOISY = F + np.random.default_rng(1).normal(0, 400.0, len(F))
+X_MM, X_TURNED, F_TURNED = 1000 * BAG_X, -BAG_X, -BAG_F
+NOISY = BAG_F + np.random.default_rng(1).normal(0, 400.0, len(BAG_F))
 
 
 def others(*, x=True, current=True, force=True):
     """Return plain topics for these signals."""
-    plain = ((x, bags.numbers, "/stroke", X), (current, bags.numbers, "/current", CURRENT))
-    return [make(topic, v) for is_there, make, topic, v in (*plain, (force, bags.wrenches, "/force", F)) if is_there]
+    plain = ((x, bags.numbers, "/stroke", BAG_X), (current, bags.numbers, "/current", BAG_CURRENT))
+    return [
+        make(topic, v) for is_there, make, topic, v in (*plain, (force, bags.wrenches, "/force", BAG_F)) if is_there
+    ]
 
 
 READ = {  # what makes the topics, and words of the proposal for them
     "types that only the bag defines, in other units": (
         lambda: [
             bags.stamped("/stroke_mm", X_MM, STORE),
-            bags.stamped("/load_kN", F / 1000, STORE),
+            bags.stamped("/load_kN", BAG_F / 1000, STORE),
             *others(x=False, force=False),
         ],
         "unit mm from the topic's name",
     ),
     "units by range": (
-        lambda: [bags.numbers("/lvdt", X_MM), bags.numbers("/coil", 1000 * CURRENT), bags.wrenches("/force", F / 1000)],
+        lambda: [
+            bags.numbers("/lvdt", X_MM),
+            bags.numbers("/coil", 1000 * BAG_CURRENT),
+            bags.wrenches("/force", BAG_F / 1000),
+        ],
         "CHECK: taken as mm",
     ),
     "a turned position": (
@@ -321,39 +337,42 @@ READ = {  # what makes the topics, and words of the proposal for them
         "named 'extension', so positive in rebound",
     ),
     "a joint named damper": (
-        lambda: [bags.joints("/joint_states", ["elbow", "damper"], X + 0.1, X), *others(x=False)],
+        lambda: [bags.joints("/joint_states", ["elbow", "damper"], BAG_X + 0.1, BAG_X), *others(x=False)],
         "[damper]",
     ),
     "an array without names": (
-        lambda: [bags.array("/daq", X, CURRENT, F, 40.0 + T, 0.0 * T + 0.5)],
+        lambda: [bags.array("/daq", BAG_X, BAG_CURRENT, BAG_F, 40.0 + BAG_T, 0.0 * BAG_T + 0.5)],
         "by its numbers alone",
     ),
     "constants beside the current": (
-        lambda: [bags.array("/valve/current", 0.0 * X + 0.5, CURRENT, 0.0 * X + 2.0), *others(current=False)],
+        lambda: [
+            bags.array("/valve/current", 0.0 * BAG_X + 0.5, BAG_CURRENT, 0.0 * BAG_X + 2.0),
+            *others(current=False),
+        ],
         "data[1]",
     ),
-    "a variance": (lambda: [bags.numbers("/current/variance", np.zeros(len(X))), *others()], "topic: /current\n"),
+    "a variance": (lambda: [bags.numbers("/current/variance", np.zeros(len(BAG_X))), *others()], "topic: /current\n"),
     "estimates of an observer": (
-        lambda: [bags.joints("/observer/estimate", ["rear_damper"], X, efforts=[F * 0.98]), *others()],
+        lambda: [bags.joints("/observer/estimate", ["rear_damper"], BAG_X, efforts=[BAG_F * 0.98]), *others()],
         "topic: /force",
     ),
 }
 NOT_READ = {  # what makes the topics, the signals that are missing, and words of the proposal
     "an array in any order": (
-        lambda: [bags.array("/daq", 30 * X / X.max(), 40 * F / F.max()), *others(x=False, force=False)],
+        lambda: [bags.array("/daq", 30 * BAG_X / BAG_X.max(), 40 * BAG_F / BAG_F.max()), *others(x=False, force=False)],
         {"position", "force"},
         "# position: {topic: /daq",
     ),
     "two equal forces": (
         lambda: [
-            *(bags.wrenches(topic, values) for topic, values in (("/load_upper", F), ("/load_lower", NOISY))),
+            *(bags.wrenches(topic, values) for topic, values in (("/load_upper", BAG_F), ("/load_lower", NOISY))),
             *others(force=False),
         ],
         {"force"},
         "2 candidates are equally good",
     ),
     "a command": (
-        lambda: [bags.numbers("/valve_cmd", CURRENT), *others(current=False)],
+        lambda: [bags.numbers("/valve_cmd", BAG_CURRENT), *others(current=False)],
         {"current"},
         "# current: {topic: /valve_cmd",
     ),
@@ -383,7 +402,7 @@ def test_images_are_passed_over_and_several_bags_examined_together(tmp_path):
     layout = tiny.TYPES["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
     large = tiny.TYPES[BYTES](layout=layout, data=image.data)
     begin = bags.stamps()[0]
-    more = [("/camera", IMAGE, [(begin, image)]), ("/blob", BYTES, [(begin, large)]), bags.numbers("/u", CURRENT)]
+    more = [("/camera", IMAGE, [(begin, image)]), ("/blob", BYTES, [(begin, large)]), bags.numbers("/u", BAG_CURRENT)]
     one = tiny.write(tmp_path / "one", [*others(), *more])
     proposal = propose_signals([one, tiny.write(tmp_path / "two", others())])
     assert proposal.skipped["/camera"] == "not a sensor's type"
