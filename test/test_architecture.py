@@ -73,7 +73,7 @@ MAX_PACKAGE = {
     "ces_gap": 128.5,
     "ces_cli": 70,
     "bench": 71.7,
-    "test": 459,
+    "test": 460.1,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
