@@ -65,15 +65,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 141.7,
+    "ces_observer": 141.8,
     "ces_data": 93.7,
     "ces_report": 12.7,
     "ces_identify": 169.2,
     "ces_rig": 71.9,
     "ces_gap": 128.5,
-    "ces_cli": 70.6,
+    "ces_cli": 69.9,
     "bench": 71.4,
-    "test": 464.2,
+    "test": 459.3,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
