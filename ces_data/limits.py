@@ -31,6 +31,14 @@ class RecordingLimits:
     MAX_INTERVAL = 1.75  # of the usual one: between 1, and the 2 of a lost sample
 
 
+class StatisticLimits:
+    """When figures of samples say something."""
+
+    ENOUGH, MANY = 50, 64  # samples or bins, for a percentile or a correlation; for a spectrum or an interpolation
+    DAMPING = 0.3  # correlation of a force with the speed, in size, from which it counts
+    EXPLAINED = 0.2  # relative error of a map or model up to which it explains a damper's force
+
+
 class OrderLimits:
     """Which samples of a bag are late, and which show that a clock was set back."""
 
@@ -59,7 +67,6 @@ class LossLimits:
         "force": 0.1,
     }  # a jump before or after a repeated value
     SPIKE_S, MAX_SPIKE = 0.005, 3  # [s] length of a spike, and in samples (docs/checks.md)
-    MIN_SAMPLES = 50  # of a channel, for percentiles of its steps
     SPIKE_RATIO = 6.0  # distance from the median around it over the 95th percentile of all
     BURST = 1.5  # a burst's jumps over a spike's
     STEP_RATIO = 8.0  # a jump over the 95th percentile of all steps
@@ -97,9 +104,7 @@ class RatioLimits:
     MIN_CORRELATION, MIN_CELLS, MIN_CELL_TICKS = 0.85, 12, 15  # of both forces, in so many cells of speed and current
     SPREAD = 100.0  # ratio of spreads beyond that of any two experiments with one damper
     MAX_SPEED_RATIO = 10.0  # of two recordings whose forces are compared
-    MIN_DAMPING_CORRELATION = 0.3  # of force with speed, from which its sign counts
-    MIN_BINS = 50  # for a correlation
-    MIN_MODEL_ERROR, HALVED = 0.2, 0.5  # relative error of a model that both signs reversed must at least halve
+    HALVED = 0.5  # of a model's error that both signs reversed must at least take away
 
 
 class SignLimits:
@@ -117,7 +122,6 @@ class DelayLimits:
     CURRENT_FACTOR, CURRENT_FLOOR = 1.12, 0.025  # the same for shifts of the current, which change the force less
     LIKELY_S, LIKELY_FACTOR, LIKELY_FLOOR = 0.015, 1.15, 0.01  # [s] of a delay that is probable only; its fit
     LIKELY_WIDTH_S = 0.05  # [s] of its interval: a single fast sine fits at any phase
-    CLOSE_ERROR = 0.2  # a map that errs by less explains the force: its answer needs no wider search
     MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these signals
     MAX_WITHOUT_CURRENT = 0.7  # a current that the motion explains better than this follows the motion
     MIN_S, WRONG_S = 0.002, 0.005  # [s] that the interval must exclude to be reported; to be refused
@@ -149,7 +153,7 @@ class SensorLimits:
     SAMPLES_A_LEVEL = 10  # from which on the values are those of a converter
     MAX_SPEED_NOISE = 0.05  # share of a model's speed that a quantum may disturb
     NOISY_REPEATS = 0.3  # of samples: a channel with fewer repeats is noisy, so that a long run of them is a fault
-    STUCK_S, STUCK_SAMPLES = 0.1, 50  # [s] of one value
+    STUCK_S = 0.1  # [s] of one value
     STUCK_CURRENT_S = 0.5  # [s] the same for a current, which is commanded in steps
     MAX_STUCK_CURRENT = 0.9  # of the samples: steps of a commanded current are longer together
     UNUSUAL = 3.0  # length of a run of equal forces over that of the longest usual one
@@ -160,7 +164,7 @@ class SensorLimits:
     }  # change of the other signal meanwhile, of its range
     MAX_VISIT = 0.5  # of the samples at a limit: a single longer visit is a sensor that is stuck there
     JUMP = 5.0  # a signal's return from a stuck value, in its largest steps elsewhere
-    MIN_VALUES, HELD_SAMPLES, HELD_STEPS = 50, 3, 4.0  # of a held channel; repeats of each; steps between, in quanta
+    HELD_SAMPLES, HELD_STEPS = 3, 4.0  # repeats of each value; steps between values, in quanta
     MIN_AT_LIMIT, MIN_SHARE = 10, 2e-4  # samples at a limit, and share of all
     MIN_PEAK_RATIO, NEIGHBOURS = 5.0, 5  # samples at the limit over those at each of so many neighbouring values
     ARRIVAL_S, ARRIVAL_SPEED = 0.01, 0.2  # [s] before a position's limit: its speed, of its RMS; pistons brake
@@ -179,7 +183,6 @@ class RateLimits:
     """When a force is sampled too slowly."""
 
     MAX_CHECKED_HZ = 400.0  # [Hz] above it, what is lost is the noise of the load cell (docs/checks.md)
-    MIN_SAMPLES = 64  # for an RMS
     MISS, WRONG_MISS = 0.2, 0.6  # of the force's RMS; free runs erred by 0.35 to 0.5 of it
     MIN_VALVE_HZ = 100.0  # [Hz] two samples in the 5 ms of the fastest valves; the slowest answer within 30 ms
 
@@ -190,7 +193,7 @@ class JumpLimits:
     PISTON_M_S = 10.0  # [m/s] of a position's jump: no piston's (docs/checks.md)
     MIN_DISTINCT = 0.8  # of the stamps: samples with rounded times jump
     MIN_OVERFLOWS, MIN_UNWRAPPED = 6, 0.9  # jumps by the whole range; span without the jumps, in jumps
-    MIN_ERROR, BETTER = 0.2, 0.7  # of the force's map: more than a damper's; without the jumps, of that with them
+    BETTER = 0.7  # of the error of the force's map, without the jumps
     OFTEN, UNLIKE_FORCE = 0.003, 0.5  # of the steps; error of a force that jumps too often to undo it
     EDGE = 3  # samples beside a dropout that belong to it
 
@@ -201,7 +204,6 @@ class DerivativeLimits:
     SCALE_RANGE = (0.7, 1.4)  # of the signal over the derivative of the position; the rest is a wrong unit
     MAX_MEAN = 0.3  # of the signal over its standard deviation; more is gravity or an offset
     MIN_CORRELATION = 0.5  # with the derivative, in the band of the stroke
-    MIN_SAMPLES = 64  # of a channel
     LATE_S = 0.002  # [s] the band brake's speeds are 0.0 to 0.4 ms off, the shaking table's 5 ms
 
 
@@ -211,7 +213,6 @@ class ContentLimits:
     MIN_DISTINCT = 8  # values in a run of 32 samples: a run at rest occurs twice
     EQUAL = 1e-6  # of a signal's range: re-encoding may round
     SAME_SHARE = 0.9  # of the samples in the common time that must be equal
-    MIN_COMMON = 50  # samples
 
 
 class TableLimits:
@@ -229,13 +230,11 @@ class TableLimits:
 class RatingLimits:
     """How well a topic or column fits a signal, in points; set on the 40 tables of test_foreign_tables and the rigs."""
 
-    MIN_POINTS, MIN_MARGIN = 3.0, 1.0  # to be chosen at all, and ahead of the next one
-    STRONG_WORD, WEAK_WORD = 3.0, 1.5  # a word such as `force`, and one such as `f`
-    UNIT, STEADY, POSITIVE, DEVICE = 3.0, 1.0, 1.0, 1.0  # stated unit; current held, or never negative; `damper`
-    COMMAND, COMPUTED, FOREIGN = -3.0, -5.0, -5.0  # words such as `cmd`, `model`, `battery`
-    SIGN, RANGE, CONSTANT = -2.0, -1.0, -1.0  # of a current below zero; of numbers beyond dampers; of a current
-    DAMPING, CLEAR_DAMPING, DERIVATIVE = 2.0, 3.0, -5.0  # a force goes with the speed, clearly; it is the speed
-    MIN_DAMPING, CLEAR_CORRELATION = 0.3, 0.6  # of a force with the speed, in size
+    CERTAIN = 3.0  # for the unit, a word such as `force`, or a force that clearly goes with the speed: alone enough
+    LIKELY, WEAK = 2.0, 1.5  # for a force that goes with the speed; for a word such as `f`
+    SLIGHT = 1.0  # for what suits; a choice is ahead of the next one by it
+    CONTRARY = 5.0  # against words such as `model` and `battery`, and a force that is the speed
+    CLEAR_CORRELATION = 0.6  # of a force with the speed, in size
     SAME_MOTION = 0.95  # of two positions, as a command and what follows it
     EXACT, LATE_SPEED = 0.98, 0.5  # of a derivative by its numbers; by its name: that of Dyke, 5 ms late, has 0.70
     UNIT_TOLERANCE = 0.1  # of a gain from the ratio of two units
@@ -243,12 +242,11 @@ class RatingLimits:
     NEGATIVE_SHARE = 0.05  # of the peak, that an amplifier's offset may take a current below zero
     STEADY_SHARE = 0.5  # of the steps between samples that are zero: a current that is held, not a motion
     ROUGH = 1.0  # RMS step over standard deviation: no stroke; white noise has 1.41
-    MIN_BINS = 50  # that both must have; fewer say nothing
     RANGES: ClassVar[
         Mapping[str, tuple[float, float]]
     ] = {  # of the span (position) or the peak, in SI units, in which a damper on a rig or vehicle works
-        "position": (0.001, 0.5),
-        "force": (20.0, 60_000.0),
+        "position": (DamperLimits.SHORT_STROKE_M, DamperLimits.LONG_STROKE_M),
+        "force": (DamperLimits.TINY_FORCE_N, 60_000.0),
         "current": (0.05, 6.0),
         "speed": (0.002, 10.0),
         "acceleration": (0.05, 3000.0),

@@ -12,7 +12,7 @@ from scipy.signal import butter, detrend, savgol_filter, sosfiltfilt
 
 from ces_data.arrays import F, I, Mask
 from ces_data.findings import SECOND, mean_rate, runs_of_equal
-from ces_data.limits import LossLimits, RecordingLimits
+from ces_data.limits import LossLimits, RecordingLimits, StatisticLimits
 from ces_data.recording import Channel, Recording, Stamps
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Constant, FieldPath, Signal
@@ -83,7 +83,7 @@ def find_spikes(channel: Channel) -> Mask:
     spikes, finite = np.zeros(len(channel), bool), np.flatnonzero(np.isfinite(channel.values))
     rate = mean_rate(channel)
     length = min(round(LossLimits.SPIKE_S * rate), LossLimits.MAX_SPIKE)
-    if channel.name not in LossLimits.JUMP_SPANS or len(finite) < LossLimits.MIN_SAMPLES or not length:
+    if channel.name not in LossLimits.JUMP_SPANS or len(finite) < StatisticLimits.ENOUGH or not length:
         return spikes
     values = channel.values[finite]
     usual = median_filter(values, 2 * length + 1, mode="nearest")
@@ -124,7 +124,7 @@ def find_dropouts(channel: Channel, other: Channel | None) -> Mask:
     if (
         channel.name not in LossLimits.DROPOUT_SPANS
         or other is None
-        or min(len(finite), len(other)) < LossLimits.MIN_SAMPLES
+        or min(len(finite), len(other)) < StatisticLimits.ENOUGH
     ):
         return dropouts
     values = channel.values[finite]

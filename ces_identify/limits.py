@@ -65,7 +65,6 @@ class CycleLimits:
     """Which cycles are equal, so that what differs between them is noise."""
 
     MIN_CYCLES = 5  # of which three have both neighbours
-    MIN_PERIOD_S = 0.02  # [s] 50 Hz: faster than rigs move
     MISMATCH = 0.01  # RMS difference of a cycle from its neighbours: of the stroke's spread, or of the RMS current
 
 
@@ -133,7 +132,7 @@ class ChoiceLimits:
     SHORT_SHARE = 0.35  # of a time limit, for these fits
     CLEARLY_BETTER = 0.9  # share of the chosen structure's cost from which another one is named
     COST_TOLERANCE = 0.1  # of the lowest selection cost of a campaign: the excess allowed for a smaller model
-    STROKE_GAIN = 0.92  # share of the selection cost from which the stroke counts among lagged inputs (racing: 0.68)
+    STROKE_GAIN = 0.92  # share of the selection cost from which the stroke counts among lagged inputs (racing: 0.7)
     MIN_TERM_GAIN, MAX_TERM_LOSS = 1e-3, 5e-4  # of the cost: gain of a new term; loss below which a term is pruned
     WEAKER_PULL = 0.995  # share of the selection cost to which a weaker pull leads, for a still weaker one to be tried
     BYPASS_SHARE = 0.05  # of the error's energy that follows the stroke: a bypass is tried

@@ -181,7 +181,8 @@ class IdentifyRequest:
 
         Raises CesError that names the option at fault: its value is wrong, or it does not apply to the structure.
         """
-        base, options = base or cls(), {one.name: one for one in list_options() if one.name != TEACHER.name}
+        base = base or cls()
+        options = {option.name: option for option in list_options() if option.name != TEACHER.name}
         values = {name: _read(options, name, value) for name, value in given.items() if value is not None}
         structure = values.get(STRUCTURE, base.structure)
         for name in values:
@@ -189,7 +190,7 @@ class IdentifyRequest:
                 chosen = OptionName(STRUCTURE, only)
                 others = f" or {AUTO}, not to {structure}; remove it"
                 raise CesError(OptionName(name), " applies to ", chosen, others)
-        own = {one.name for one in fields(cls)}
+        own = {declared.name for declared in fields(cls)}
         sizes = {name: value for name, value in values.items() if name not in own}
         own_values = {name: value for name, value in values.items() if name in own}
         return replace(base, **own_values, sizes={**base.sizes, **sizes})
@@ -198,13 +199,13 @@ class IdentifyRequest:
     def of_settings(cls, settings: IdentifyOptions) -> IdentifyRequest:
         """Return the request that has these settings."""
         values = {**vars(settings), **vars(settings.limits)}
-        own = {one.name: values[one.name] for one in fields(cls) if one.name in values}
+        own = {declared.name: values[declared.name] for declared in fields(cls) if declared.name in values}
         return cls(**{**own, "time": None if settings.limits.time == inf else settings.limits.time})
 
     def options(self, base: IdentifyOptions | None = None) -> IdentifyOptions:
         """Return the settings of an identification, with what no option says as in `base`; raises CesError."""
         base = base or IdentifyOptions()
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values = {declared.name: getattr(self, declared.name) for declared in fields(self)}
         rules = self.candidates
         if not isinstance(rules, CandidateRules):
             rules = load_rules(rules, self.method)

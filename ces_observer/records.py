@@ -111,6 +111,11 @@ def record_schema(cls: type[Any], partial: bool = False) -> Schema:
     return Record(cls, partial=partial).schema
 
 
+def some_of(**keys: Field) -> Field:
+    """Return the field of a mapping of which only these keys are read, as a dictionary."""
+    return Field(kind=replace(record_of(**keys).kind, loose=True))
+
+
 def record_of(**keys: Field | tuple[Field, Of]) -> Field:
     """Return the field of a mapping with these keys, read as a dictionary; a pair says where a value is found too."""
     pairs = {key: value if isinstance(value, tuple) else (value, key) for key, value in keys.items()}
@@ -169,12 +174,13 @@ class Record(ValueShape):
     """The fields of a dataclass by their keys, or without one, the fields `own`, read as a dictionary.
 
     They are under one key if the dataclass has a `section`. A `partial` record needs no key, nor do the records in it:
-    it has the defaults of the dataclass.
+    it has the defaults of the dataclass. Other keys of a `loose` one are left unread.
     """
 
     cls: Any = None
     own: Mapping[str, Field] | None = None
     partial: bool = False
+    loose: bool = False
 
     @property
     def fields(self) -> Mapping[str, Field]:
@@ -223,7 +229,7 @@ class Record(ValueShape):
         base = self.cls() if self.partial and base is None else base
         keys = self._keys(value)
         for key in value:
-            if key not in keys:
+            if key not in keys and not self.loose:
                 raise FieldError(f": unknown key {quote(key)}; known are {', '.join(keys)}")
         own = {name: one for name, one in self.fields.items() if one.inline or one.key in keys}
         values = {name: _read_field(one, value, base, complete) for name, one in own.items()}
@@ -256,7 +262,7 @@ class Record(ValueShape):
             is_section = self.partial and isinstance(one.kind, Record) and not one.many
             properties[one.key] = replace(one.kind, partial=True).schema if is_section else one.schema
             required += [one.key] if one.default is REQUIRED and one.when is None and not self.partial else []
-        schema: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
+        schema: Schema = {"type": "object", "properties": properties, "additionalProperties": self.loose}
         schema |= {"required": required} if required else {}
         if self.own is None:
             about = (self.cls.__doc__ or "").split("\n\n", maxsplit=1)[0].split("; raises", maxsplit=1)[0]

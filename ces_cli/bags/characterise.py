@@ -46,9 +46,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(request.bags)}
     findings = print_findings(list(recordings.values()))
     forces: dict[str, list[F]] = {}
-    for name, one in simulations.items():
+    for name, simulation in simulations.items():
         with terminal.err.status(f"simulating {name}"):
-            forces[name] = [one.force(with_predictions(one, p, r, signals)) for p, r in recordings.items()]
+            forces[name] = [
+                simulation.force(with_predictions(simulation, p, r, signals)) for p, r in recordings.items()
+            ]
     with terminal.err.status("characterising"):
         results = characterise(list(recordings.values()), simulations=forces)
     if request.out is not None:
@@ -92,7 +94,7 @@ def _print_results(results: Characteristics) -> None:
             shown = terminal.lay_out(replace(table, rows=table.rows[:MAX_ROWS]) if rest > 0 else table)
             shown.caption = f"and {rest} more rows: --out DIR writes all" if rest > 0 else None
             terminal.print_table(shown)
-    for one in results.omissions:
-        count = f"{one.count} of {one.of} {one.subject}" if one.of else one.subject
-        where = "" if one.recording == "all" else f"{one.recording}: "
-        terminal.print_line(f"{where}{count}: {one.reason}")
+    for omission in results.omissions:
+        count = f"{omission.count} of {omission.of} {omission.subject}" if omission.of else omission.subject
+        where = "" if omission.recording == "all" else f"{omission.recording}: "
+        terminal.print_line(f"{where}{count}: {omission.reason}")

@@ -12,23 +12,22 @@ import re
 import stat
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from html import unescape
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ces_observer.errors import CesError
-from ces_observer.json_text import quote
+from ces_observer.fields import Field
 from ces_observer.model import load_model
 from ces_observer.proof.certificate import summarize
-from ces_observer.records import read_record, record_fields
+from ces_observer.records import some_of
 from ces_rig.loop.store import Iteration
 
 MAX_JSON_BYTES, MAX_ROWS_BYTES = 8_000_000, 64_000_000
 HEAD_BYTES, METADATA_BYTES = 4096, 200_000
 
-T = TypeVar("T")
 Facts = dict[str, Any]  # also a JSON object
 ItemReader = Callable[[Path], tuple[str, Facts] | None]  # None for files of other programs
 WRONG_CONTENT = (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError)
@@ -183,100 +182,36 @@ def _read_json(path: Path) -> tuple[str, Facts] | None:
     return None
 
 
-@dataclass(frozen=True)
-class ModelFile:
-    """What the list shows of a model file."""
-
-    structure: str
-    certificate: Mapping[str, Any] | None
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """What it shows of a model's ticks."""
-
-    rate_Hz: float
-
-
-@dataclass(frozen=True)
-class ModelCost:
-    """What it shows of a model's cost on a recording."""
-
-    role: str
-    J: float | None
-
-
-@dataclass(frozen=True)
-class KnownRecording:
-    """A recording that a model was identified or validated on."""
-
-    recording: str
-
-
-@dataclass(frozen=True)
-class DiagnosisFile:
-    """What it shows of a diagnosis."""
-
-    sentence: str
-    verdict: str
-
-
-@dataclass(frozen=True)
-class GapSize:
-    """What it shows of a gap."""
-
-    rms_N: float | None
-    cost_J: float | None
-
-
-@dataclass(frozen=True)
-class CampaignRow:
-    """What it shows of a cell of a campaign."""
-
-    status: str
-    structure: str = ""
-    selection_J: float | None = None
-
-
-@dataclass(frozen=True)
-class FleetRow:
-    """What it shows of a unit of a fleet."""
-
-    status: str
-    name: str
-    verdict: str = ""
-
-
-def pick(cls: type[T], content: object, where: str = "content") -> T:
-    """Return those values of a file that are fields of `cls`, checked; raises UnreadableError."""
-    if not isinstance(content, Mapping):
-        raise UnreadableError(f"{where} is {quote(content)}; expected a JSON object")
-    shown: Any = cls  # is hashable, which mypy does not know of a type variable
-    return read_record(
-        cls, {one: content[one] for one in record_fields(shown) if one in content}, where, UnreadableError
-    )
-
-
-def pick_all(cls: type[T], rows: object, where: str) -> list[T]:
-    """Return the same of each object in a list, none for null."""
-    if not isinstance(rows, list | None):
-        raise UnreadableError(f"{where} is {quote(rows)}; expected a list")
-    return [pick(cls, row, f"{where}[{i}]") for i, row in enumerate(rows or ())]
+TEXT, COST = Field(kind=str), Field(kind=float, null=None)
+RECORDINGS = replace(some_of(recording=TEXT), many=True, null=None, default=())
+MODEL_FILE = some_of(
+    structure=TEXT,
+    certificate=Field(kind=Mapping, null=None),
+    sampling=some_of(rate_Hz=Field(kind=float)),
+    provenance=some_of(
+        cost_J_percent=replace(some_of(role=TEXT, J=COST), many=True, null=None, default=()),
+        identification=RECORDINGS,
+        validation=RECORDINGS,
+    ),
+)
+GAP_FILE = some_of(sentence=TEXT, verdict=TEXT, gap=some_of(rms_N=COST, cost_J=COST))
+CAMPAIGN_ROWS = Field(
+    kind=some_of(status=TEXT, structure=Field(default=""), selection_J=replace(COST, default=None)).kind, many=True
+)
+FLEET_ROWS = Field(kind=some_of(status=TEXT, name=TEXT, verdict=Field(default="")).kind, many=True)
+"""What is shown of each kind of file; the rest is left unread."""
 
 
 def _model_facts(path: Path) -> tuple[str, Facts]:
     content = _read_object(path)
-    model, provenance = pick(ModelFile, content), content.get("provenance") or {}
-    costs = pick_all(ModelCost, provenance.get("cost_J_percent"), "cost_J_percent")
+    model = MODEL_FILE.check({"provenance": {}, **content}, "content", UnreadableError)
+    known, certificate = model["provenance"], model["certificate"]
 
     def mean_J(role: str) -> float | None:
-        values = [cost.J for cost in costs if cost.role == role and cost.J is not None]
-        return sum(values) / len(values) if values else None
+        costs = [cost["J"] for cost in known["cost_J_percent"] or () if cost["role"] == role and cost["J"] is not None]
+        return sum(costs) / len(costs) if costs else None
 
-    def names_of(role: str) -> list[str]:
-        return [one.recording for one in pick_all(KnownRecording, provenance.get(role), role)]
-
-    structure, certificate = model.structure.removesuffix("_narx"), model.certificate
+    structure = model["structure"].removesuffix("_narx")
     # a polynomial's size without the proof of its bounds, which takes milliseconds
     size = f"{len(content['terms'])} terms" if structure == "polynomial" else load_model(path).size
     proof = "not proved" if certificate is None else summarize(certificate)
@@ -286,40 +221,39 @@ def _model_facts(path: Path) -> tuple[str, Facts]:
         "summary": f"{structure}, {size}",
         "cost_J": mean_J("validation"),
         "fit_J": mean_J("identification"),
-        "rate_Hz": pick(Sampling, content.get("sampling"), "sampling").rate_Hz,
-        "recordings": names_of("identification"),
-        "validation": names_of("validation"),
+        "rate_Hz": model["sampling"]["rate_Hz"],
+        "recordings": [one["recording"] for one in known["identification"] or ()],
+        "validation": [one["recording"] for one in known["validation"] or ()],
         "certificate": proof,
         "stability": proof.partition(":")[0],
     }
 
 
 def _diagnosis_facts(path: Path) -> tuple[str, Facts]:
-    content = _read_object(path)
-    diagnosis, gap = pick(DiagnosisFile, content), pick(GapSize, content.get("gap"), "gap")
+    diagnosis = GAP_FILE.check(_read_object(path), "content", UnreadableError)
     return RESULT, {
         "what": "diagnosis",
-        "summary": diagnosis.sentence,
-        "cost_J": gap.cost_J,
-        "verdict": diagnosis.verdict.replace("_", " "),
-        "gap N": gap.rms_N,
+        "summary": diagnosis["sentence"],
+        "cost_J": diagnosis["gap"]["cost_J"],
+        "verdict": diagnosis["verdict"].replace("_", " "),
+        "gap N": diagnosis["gap"]["rms_N"],
     }
 
 
 def _campaign_facts(content: list[Facts]) -> Facts:
-    rows = pick_all(CampaignRow, content, "line")
-    done = [row for row in rows if row.status == DONE]
-    costs = [row.selection_J for row in done if row.selection_J is not None]
+    rows = CAMPAIGN_ROWS.check(content, "line", UnreadableError)
+    done = [row for row in rows if row["status"] == DONE]
+    costs = [row["selection_J"] for row in done if row["selection_J"] is not None]
     counts = f"{len(done)} models" + (f", {len(rows) - len(done)} failed" if len(done) < len(rows) else "")
-    structures = ", ".join(sorted({row.structure for row in done}))
+    structures = ", ".join(sorted({row["structure"] for row in done}))
     return {"what": "campaign", "summary": f"{counts}: {structures}", "cost_J": min(costs, default=None)}
 
 
 def _fleet_facts(content: list[Facts]) -> Facts:
-    rows = pick_all(FleetRow, content, "line")
-    verdicts = Counter(row.verdict.replace("_", " ") for row in rows if row.status == DONE)
+    rows = FLEET_ROWS.check(content, "line", UnreadableError)
+    verdicts = Counter(row["verdict"].replace("_", " ") for row in rows if row["status"] == DONE)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()) or "none diagnosed"
-    return {"what": "fleet", "summary": f"{len(rows)} units: {counts}", "units": [row.name for row in rows]}
+    return {"what": "fleet", "summary": f"{len(rows)} units: {counts}", "units": [row["name"] for row in rows]}
 
 
 def _iteration_facts(content: list[Facts]) -> Facts:

@@ -60,9 +60,7 @@ from ces_observer.structures import STRUCTURES
 COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan"}
 MAX_REGIONS = 3
 OPTIONAL_FILES = (REPORT, "next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
-
-
-NAMES = [one.option for one in STRUCTURES.values() if one.is_offered]
+NAMES = [structure.option for structure in STRUCTURES.values() if structure.is_offered]
 REFERENCE = replace(
     HELD_OUT,
     none="",

@@ -92,7 +92,7 @@ class IdentifyProgramRequest(ProgramRequest):
     @classmethod
     def of(cls, values: Values, given: Collection[str]) -> Self:
         """Return the request for the values of options that the user has `given`; raises CesError naming an option."""
-        own = {one.name for one in fields(cls)}
+        own = {declared.name for declared in fields(cls)}
         options = {option.name: option for option in (BAGS, *list_shared(), *OF_THE_PROGRAM)}
         read = {name: as_field(options[name], values[name]) for name in given}
         model = IdentifyRequest.of({name: value for name, value in read.items() if name not in own})

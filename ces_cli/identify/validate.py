@@ -28,7 +28,7 @@ from ces_cli.terminal.results import cost_rows, held_out_row, model_facts, print
 from ces_data.checks.content import find_known_recording, require_once
 from ces_data.checks.units import signs_against_model, unit_against_model
 from ces_data.findings import WRONG_MODEL, Finding
-from ces_data.limits import RatioLimits
+from ces_data.limits import StatisticLimits
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_identify.options import REGIONS, WEIGHT
@@ -133,7 +133,7 @@ def print_against_model(
     """Print and return what a model shows to be wrong with a recording: the unit of the force, or both signs."""
     scored = evaluation.series.scored
     findings = list(unit_against_model(evaluation.series.force[scored], evaluation.run.force[scored]))
-    if not findings and evaluation.cost > 100.0 * RatioLimits.MIN_MODEL_ERROR:
+    if not findings and evaluation.cost > 100.0 * StatisticLimits.EXPLAINED:
         low, high = model.sampling.stroke_m
         sampling = replace(model.sampling, stroke_m=(min(low, -high), max(high, -low)))
         series = prepare(reverse_signs(recording), sampling).part(*part)

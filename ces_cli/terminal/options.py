@@ -45,9 +45,9 @@ def _as_annotated(option: Option, hint: Any) -> Option:
 
 def as_field(option: Option, value: Any) -> Any:
     """Return the value of an option as a request has it: a path as a Path, several values as a tuple."""
-    make = Path if option.kind is Path else lambda one: one
+    make = Path if option.kind is Path else lambda item: item
     if isinstance(value, list | tuple):
-        return tuple(make(one) for one in value)
+        return tuple(map(make, value))
     return value if value is None else make(value)
 
 

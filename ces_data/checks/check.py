@@ -21,7 +21,7 @@ from ces_data.checks.motion import is_constant, join_motions, recorded_motion
 from ces_data.checks.sensors import current_findings, rate_findings, saturation_findings, sensor_findings
 from ces_data.checks.units import find_exchange, half_span, ratio_findings, unit_findings
 from ces_data.findings import ERROR, WARNING, WRONG_MODEL, DelayFinding, Finding, findings, finite_values, sort_findings
-from ces_data.limits import DamperLimits, DriftLimits, RatioLimits
+from ces_data.limits import DamperLimits, DriftLimits, RatioLimits, StatisticLimits
 from ces_data.recording import Channel, Recording
 from ces_observer.errors import OptionName, RecordingError
 from ces_observer.signals import UNITS
@@ -123,7 +123,7 @@ def find_traits(recording: Recording) -> Traits:
     """Return the traits of a recording."""
     speed, force = _speed_and_force(recording)
     current = np.abs(finite_values(recording, "current"))
-    is_known = len(speed) >= RatioLimits.MIN_BINS and speed.std() != 0.0 and force.std() != 0.0
+    is_known = len(speed) >= StatisticLimits.ENOUGH and speed.std() != 0.0 and force.std() != 0.0
     return Traits(
         name=recording.name,
         stroke_m=2.0 * half_span(finite_values(recording, "position"), np.nan),
@@ -167,8 +167,8 @@ def _compare_units(traits: Sequence[Traits]) -> Iterator[Finding]:
 
 
 def _compare_signs(traits: Sequence[Traits]) -> Iterator[Finding]:
-    along = [t for t in traits if t.damping >= RatioLimits.MIN_DAMPING_CORRELATION]
-    against = [t for t in traits if t.damping <= -RatioLimits.MIN_DAMPING_CORRELATION]
+    along = [t for t in traits if t.damping >= StatisticLimits.DAMPING]
+    against = [t for t in traits if t.damping <= -StatisticLimits.DAMPING]
     if not along or not against:
         return
 

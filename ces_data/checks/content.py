@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_data.limits import ContentLimits
+from ces_data.limits import ContentLimits, StatisticLimits
 from ces_data.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
@@ -194,7 +194,7 @@ def _seconds_on_line(samples: Channel, line: Channel, shift_ns: int) -> float:
     """Return the seconds in which `samples` lie on the straight lines between those of `line`, shifted in time."""
     stamps = line.stamps_ns + shift_ns
     inside = (samples.stamps_ns >= stamps.min()) & (samples.stamps_ns <= stamps.max())
-    if inside.sum() < ContentLimits.MIN_COMMON or len(np.unique(samples.values[inside])) < ContentLimits.MIN_DISTINCT:
+    if inside.sum() < StatisticLimits.ENOUGH or len(np.unique(samples.values[inside])) < ContentLimits.MIN_DISTINCT:
         return 0.0
     origin = int(stamps[0])
     at = (samples.stamps_ns[inside] - origin).astype(np.float64)

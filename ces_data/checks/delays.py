@@ -36,7 +36,7 @@ from ces_data.checks.motion import (
     recorded_motion,
 )
 from ces_data.findings import WARNING, WRONG_MODEL, DelayFinding, Finding
-from ces_data.limits import DelayLimits, DriftLimits, SignLimits
+from ces_data.limits import DelayLimits, DriftLimits, SignLimits, StatisticLimits
 from ces_data.recording import Recording
 
 ROWS, CURRENT_ROWS = 8000, 5000  # of the regressions
@@ -74,7 +74,7 @@ class DelayEstimate:
         return (
             narrow
             and abs(self.late_s) > DelayLimits.LIKELY_S
-            and self.least_error < DelayLimits.CLOSE_ERROR
+            and self.least_error < StatisticLimits.EXPLAINED
             and self.error_at_zero > limit
         )
 
@@ -100,7 +100,7 @@ def force_delay(motion: RecordedMotion, far: bool = True) -> DelayEstimate | Non
         return None
     near = _force_delay_within(motion, DelayLimits.MAX_S)
     settled = (
-        near is not None and not near.open_ended and not near.certain and near.least_error < DelayLimits.CLOSE_ERROR
+        near is not None and not near.open_ended and not near.certain and near.least_error < StatisticLimits.EXPLAINED
     )
     if not far or settled:
         return near
@@ -108,7 +108,7 @@ def force_delay(motion: RecordedMotion, far: bool = True) -> DelayEstimate | Non
     if (
         wide is None
         or wide.open_ended
-        or wide.least_error > DelayLimits.CLOSE_ERROR
+        or wide.least_error > StatisticLimits.EXPLAINED
         or abs(wide.late_s) <= DelayLimits.MAX_S
     ):
         return near

@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from ces_data.arrays import F
 from ces_data.findings import WARNING, WRONG_MODEL, DelayFinding, Finding
-from ces_data.limits import DerivativeLimits
+from ces_data.limits import DerivativeLimits, StatisticLimits
 from ces_data.recording import Recording
 from ces_data.samples import remove_spikes
 from ces_observer.signals import MOTIONS, UNITS
@@ -48,13 +48,13 @@ class DerivativeComparison:
 def compare_derivative(recording: Recording, signal: str) -> DerivativeComparison | None:
     """Return the comparison of "speed" or "acceleration" with the position; None if there is too little of one."""
     channels = [recording.channels[name].in_order() for name in ("position", signal) if name in recording.channels]
-    if len(channels) < 2 or min(map(len, channels)) < DerivativeLimits.MIN_SAMPLES:
+    if len(channels) < 2 or min(map(len, channels)) < StatisticLimits.MANY:
         return None
     position, measured = channels
     begin = max(int(c.stamps_ns[0]) for c in channels)
     end = min(*(int(c.stamps_ns[-1]) for c in channels), begin + round(MAX_S * 1e9))
     count = int(np.ptp(np.searchsorted(position.stamps_ns, (begin, end))))
-    if end <= begin or count < DerivativeLimits.MIN_SAMPLES:
+    if end <= begin or count < StatisticLimits.MANY:
         return None
     rate = count * 1e9 / (end - begin)
     even = begin + np.arange(count) * (1e9 / rate)

@@ -15,7 +15,7 @@ from ces_data.arrays import I
 from ces_data.checks.motion import fit_errors, force_features, recorded_motion
 from ces_data.checks.sensors import OTHER, REMEDY, count_times
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, runs_of_equal
-from ces_data.limits import JumpLimits, LossLimits, RecordingLimits, SensorLimits
+from ces_data.limits import JumpLimits, LossLimits, RecordingLimits, SensorLimits, StatisticLimits
 from ces_data.recording import Channel, Recording
 from ces_data.samples import find_jumps, find_spikes, mask_lost, without_spikes
 
@@ -75,7 +75,7 @@ def _jumping(name: str, recording: Recording) -> Iterator[Finding]:
     candidates = [(jumps, float(np.median(np.abs(steps[jumps]))))] if len(jumps) > 1 else []
     candidates += [(whole, period)] if len(whole) >= JumpLimits.MIN_OVERFLOWS else []
     logged = _map_error(recording) if candidates else 0.0
-    limit = logged if name == "position" else JumpLimits.BETTER * logged if logged > JumpLimits.MIN_ERROR else 0.0
+    limit = logged if name == "position" else JumpLimits.BETTER * logged if logged > StatisticLimits.EXPLAINED else 0.0
     for at, size in candidates:
         undone = np.isin(np.arange(len(steps)), at) * np.sign(steps) * size
         unwrapped = np.cumsum(np.append(values[0], steps - undone))

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from ces_data.arrays import F, I, Mask
 from ces_data.checks.motion import RATE_HZ, RecordedMotion, fit_errors, force_features, is_constant
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, SaturationFinding, mean_rate, runs_of_equal
-from ces_data.limits import CurrentLimits, DamperLimits, RateLimits, SensorLimits
+from ces_data.limits import CurrentLimits, DamperLimits, RateLimits, SensorLimits, StatisticLimits
 from ces_data.recording import Channel, Recording
 
 SPEED_SPAN_S, SPEED_BAND_HZ = 0.05, 50.0  # of a model's speed
@@ -48,11 +48,7 @@ def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[fl
     long, noisy = _long_runs(
         channel,
         runs,
-        *(
-            (SensorLimits.FINE_S, SensorLimits.FINE_SAMPLES)
-            if fine
-            else (SensorLimits.STUCK_S, SensorLimits.STUCK_SAMPLES)
-        ),
+        *((SensorLimits.FINE_S, SensorLimits.FINE_SAMPLES) if fine else (SensorLimits.STUCK_S, StatisticLimits.ENOUGH)),
     )
     if other is None or noisy is None:
         return
@@ -78,7 +74,7 @@ def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[fl
 
 
 def _long_runs(
-    channel: Channel, runs: I, seconds: float, samples: int = SensorLimits.STUCK_SAMPLES
+    channel: Channel, runs: I, seconds: float, samples: int = StatisticLimits.ENOUGH
 ) -> tuple[Mask, bool | None]:
     """Return which runs of equal values are long; and whether the channel is noisy otherwise, None if unknown."""
     lengths = np.diff(runs, axis=1)[:, 0]
@@ -100,7 +96,7 @@ def _held(channel: Channel, runs: I) -> Iterator[Finding]:
     steps = np.abs(np.diff(channel.values[runs[:, 0]]))
     lengths = np.diff(runs[:, 0])
     if (
-        len(lengths) < SensorLimits.MIN_VALUES
+        len(lengths) < StatisticLimits.ENOUGH
         or np.median(lengths) < SensorLimits.HELD_SAMPLES
         or np.percentile(lengths, 10) < SensorLimits.HELD_SAMPLES - 1
     ):
@@ -309,12 +305,12 @@ def interpolation_miss(channel: Channel) -> float:
     """Return the relative RMS error of every second sample, interpolated, gaps apart; NaN if constant or few."""
     sound = channel.in_order()
     stamps, values = sound.stamps_ns, sound.values
-    if len(values) < RateLimits.MIN_SAMPLES or np.ptp(values) == 0.0:
+    if len(values) < StatisticLimits.MANY or np.ptp(values) == 0.0:
         return np.nan
     time = (stamps - stamps[0]) * 1e-9
     odd = np.arange(SIDE, len(time) - SIDE, 2)  # SIDE is odd
     odd = odd[time[odd + SIDE] - time[odd - SIDE] < 4.0 * SIDE * float(np.median(np.diff(time)))]
-    if len(odd) < RateLimits.MIN_SAMPLES // 4:
+    if len(odd) < StatisticLimits.MANY // 4:
         return np.nan
     errors = CubicSpline(time[::2], values[::2])(time[odd]) - values[odd]
     return float(np.sqrt(np.mean(errors**2)) / values.std())

@@ -15,7 +15,7 @@ from ces_data.arrays import F
 from ces_data.checks.delays import is_reversed
 from ces_data.checks.motion import MIN_S, RATE_HZ, RecordedMotion, is_constant, recorded_motion
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, finite_values, mean_rate
-from ces_data.limits import DamperLimits, RatioLimits
+from ces_data.limits import DamperLimits, RatioLimits, StatisticLimits
 from ces_data.recording import Recording
 from ces_data.units import find_unit
 
@@ -263,7 +263,7 @@ def signs_against_model(cost: float, reversed_cost: float) -> Iterator[Finding]:
     The costs J [%] are those of its free runs on the recording as it is, and reversed. A damper that acts alike in
     compression and rebound shows no difference, and needs none.
     """
-    if cost > 100.0 * RatioLimits.MIN_MODEL_ERROR and reversed_cost < RatioLimits.HALVED * cost:
+    if cost > 100.0 * StatisticLimits.EXPLAINED and reversed_cost < RatioLimits.HALVED * cost:
         text = (
             f"position and force: the model follows them better with both signs reversed (J {reversed_cost:.0f} "
             f"instead of {cost:.0f} %); both are positive in compression: multiply both scales by -1 in the signals "

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ces_data.limits import RatingLimits
+from ces_data.limits import RatingLimits, StatisticLimits
 from ces_data.mapping.rating import (
     OUTWARD,
     USUAL,
@@ -126,7 +126,7 @@ class _Chooser:
 
     def sides(self) -> tuple[str, ...]:
         """Return the sides by which the position's good candidates differ, none for one damper."""
-        good = [r.candidate for r in self._strokes(self.candidates) if r.named and r.points >= RatingLimits.MIN_POINTS]
+        good = [r.candidate for r in self._strokes(self.candidates) if r.named and r.points >= RatingLimits.CERTAIN]
         ordered = [candidate for candidate in self.candidates if candidate in good]
         for stroke in good:
             twins = [c for c in ordered if c is stroke or find_side(c.names, stroke.names)]
@@ -171,7 +171,7 @@ class _Chooser:
             if unit := rating.candidate.unit or _unit_of_speed(abs(position.scale / gain)):
                 with_unit = replace(rating, candidate=replace(rating.candidate, unit=unit), named=True)
                 reason = f"goes as the differentiated {position.candidate.label} ({correlation:+.2f})"
-                derived.append(with_unit.add(RatingLimits.MIN_POINTS, reason))
+                derived.append(with_unit.add(RatingLimits.CERTAIN, reason))
         return _sort(derived)
 
     def _strokes(self, candidates: Sequence[Candidate]) -> list[Rating]:
@@ -196,7 +196,7 @@ class _Chooser:
         if stroke is force or not (named or only):
             return 0.0
         correlation, _ = self.table.correlate(stroke, force)
-        if not abs(correlation) >= RatingLimits.MIN_DAMPING or self.table.is_derivative(stroke, force):
+        if not abs(correlation) >= StatisticLimits.DAMPING or self.table.is_derivative(stroke, force):
             return 0.0
         return correlation
 
@@ -209,7 +209,7 @@ class _Chooser:
         for rating in ratings:
             correlation = 0.0 if rating.excluded else self._damping(stroke, rating.candidate, rating.named)
             if not rating.excluded and self.table.is_derivative(stroke, rating.candidate):
-                improved.append(rating.add(RatingLimits.DERIVATIVE, f"is the speed of {stroke.label}"))
+                improved.append(rating.add(-RatingLimits.CONTRARY, f"is the speed of {stroke.label}"))
             else:
                 improved.append(_add_damping(rating, correlation, f"goes with the speed of {stroke.label}"))
         return _sort(improved)
@@ -217,13 +217,13 @@ class _Chooser:
     def _currents(self, candidates: Sequence[Candidate], taken: Sequence[Candidate]) -> list[Rating]:
         """Return the ratings as current; one without a name counts only if it is the only one that can be."""
         ratings = [self._exclude_force(r, taken) for r in _rate_all(candidates, "current") if r.candidate not in taken]
-        if any(r.named and r.points >= RatingLimits.MIN_POINTS for r in ratings):
+        if any(r.named and r.points >= RatingLimits.CERTAIN for r in ratings):
             return ratings
         silent = [r for r in ratings if not r.excluded and not r.named and r.points > 0.0 and not r.against]
         if len(silent) != 1 or read_meaning(silent[0].candidate.names).quantity or silent[0].candidate.constant:
             return _sort(ratings)
         return _sort(
-            [silent[0].add(RatingLimits.MIN_POINTS - silent[0].points, ALONE), *(r for r in ratings if r != silent[0])]
+            [silent[0].add(RatingLimits.CERTAIN - silent[0].points, ALONE), *(r for r in ratings if r != silent[0])]
         )
 
     def _exclude_force(self, rating: Rating, taken: Sequence[Candidate]) -> Rating:
@@ -239,7 +239,7 @@ class _Chooser:
 
 def _add_damping(rating: Rating, correlation: float, reason: str) -> Rating:
     is_clear = abs(correlation) >= RatingLimits.CLEAR_CORRELATION
-    points = RatingLimits.CLEAR_DAMPING if is_clear else RatingLimits.DAMPING
+    points = RatingLimits.CERTAIN if is_clear else RatingLimits.LIKELY
     return rating.add(points, f"{reason} ({correlation:+.2f})") if correlation else rating
 
 
@@ -254,7 +254,7 @@ def _sort(ratings: Sequence[Rating]) -> list[Rating]:
 
 def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice | NotFound:
     """Return the choice, or why there is none."""
-    good = [r for r in ratings if not r.excluded and r.points >= RatingLimits.MIN_POINTS]
+    good = [r for r in ratings if not r.excluded and r.points >= RatingLimits.CERTAIN]
     others = tuple(r for r in ratings if not r.excluded and (r.points > 0.0 or r.against))
     if not good:
         named = (r for r in ratings if r.excluded and read_meaning(r.candidate.names).quantity == r.signal)
@@ -263,7 +263,7 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
             reason = f"'{excluded.candidate.label}' is named like it, but {excluded.excluded}"
         return NotFound(signal, reason, others or tuple(ratings))
     best, *others_alike = good
-    equal = [r for r in others_alike if best.points - r.points < RatingLimits.MIN_MARGIN]
+    equal = [r for r in others_alike if best.points - r.points < RatingLimits.SLIGHT]
     if equal and not all(table.is_same(best.candidate, r.candidate) for r in equal):
         labels = ", ".join(r.candidate.label for r in (best, *equal))
         return NotFound(signal, f"{1 + len(equal)} candidates are equally good: {labels}", (best, *equal))
@@ -314,7 +314,7 @@ def _find_sign_of_force(choices: dict[str, Choice], table: MotionTable, motion: 
         return choices
     compare = table.correlate if motion == "position" else table.correlate_values
     correlation, _ = compare(position.candidate, force.candidate)
-    if not abs(correlation) >= RatingLimits.MIN_DAMPING:
+    if not abs(correlation) >= StatisticLimits.DAMPING:
         unknown = "too few samples to compare force and speed"
         text = unknown if np.isnan(correlation) else f"force and speed hardly correlate ({correlation:+.2f})"
         return {**choices, "force": replace(force, checks=(*force.checks, f"{UNCHECKED}: {text}"))}

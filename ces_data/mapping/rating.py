@@ -13,7 +13,7 @@ from itertools import compress
 
 import numpy as np
 
-from ces_data.limits import RatingLimits
+from ces_data.limits import RatingLimits, StatisticLimits
 from ces_data.recording import Stamps, Values
 from ces_data.units import QUANTITIES, Unit, find_unit
 from ces_observer.signals import UNITS
@@ -160,7 +160,7 @@ def join_words(names: Sequence[str]) -> tuple[str, ...]:
 
 def read_meaning(names: Sequence[str]) -> NameMeaning:
     """Return what the names say, the most specific first: strong words before weak ones, in a name the last first."""
-    for table, weight in ((STRONG, RatingLimits.STRONG_WORD), (WEAK, RatingLimits.WEAK_WORD)):
+    for table, weight in ((STRONG, RatingLimits.CERTAIN), (WEAK, RatingLimits.WEAK)):
         for word in (word for name in names for word in reversed(split_words(name))):
             for quantity, texts in table.items():
                 if word in texts.split():
@@ -274,11 +274,11 @@ def rate(candidate: Candidate, signal: str) -> Rating:
     if mine:
         rating = rating.add(meaning.weight, f"named '{meaning.word}'")
     if candidate.unit is not None:
-        rating = rating.add(RatingLimits.UNIT, f"unit {candidate.unit.text} {candidate.stated}".rstrip())
+        rating = rating.add(RatingLimits.CERTAIN, f"unit {candidate.unit.text} {candidate.stated}".rstrip())
     for points, reason in _remarks(candidate, signal):
         rating = rating.add(points, reason)
     if signal == "current" and candidate.constant:
-        points, reason = rating.points + RatingLimits.CONSTANT, f"constant at {candidate.high:g}"
+        points, reason = rating.points - RatingLimits.SLIGHT, f"constant at {candidate.high:g}"
         if rating.named:  # no reason against what is named so, but another is preferred
             return replace(rating, points=points, reasons=(*rating.reasons, reason))
         return replace(rating, points=points, against=(*rating.against, reason))
@@ -290,7 +290,7 @@ def _exclusion(candidate: Candidate, signal: str) -> str:
     unit, meaning = candidate.unit, read_meaning(candidate.names)
     if unit is not None and unit.quantity not in QUANTITIES[signal]:
         return f"its unit {unit.text} is not one of a {signal} [{UNITS[signal]}]"
-    if meaning.quantity not in ("", signal) and (unit is None or meaning.weight > RatingLimits.WEAK_WORD):
+    if meaning.quantity not in ("", signal) and (unit is None or meaning.weight > RatingLimits.WEAK):
         return f"named '{meaning.word}': a {meaning.quantity}"
     if candidate.counts_up and unit is None and meaning.quantity != signal:
         return "only counts up: a time or a counter"
@@ -304,21 +304,21 @@ def _exclusion(candidate: Candidate, signal: str) -> str:
 def _remarks(candidate: Candidate, signal: str) -> Iterator[tuple[float, str]]:
     """Yield points and reason of what else the name and the numbers say."""
     if (word := find_word(candidate.names, DEVICE)) and read_meaning(candidate.names).quantity == signal:
-        yield RatingLimits.DEVICE, f"of a '{word}'"
+        yield RatingLimits.SLIGHT, f"of a '{word}'"
     if word := find_word(candidate.names, COMMANDS, COMMAND_PARTS):
-        yield RatingLimits.COMMAND, f"a command by its name ('{word}'), not a measurement"
+        yield -RatingLimits.CERTAIN, f"a command by its name ('{word}'), not a measurement"
     if word := find_word(candidate.names, COMPUTED):
-        yield RatingLimits.COMPUTED, f"computed by its name ('{word}'), not measured"
+        yield -RatingLimits.CONTRARY, f"computed by its name ('{word}'), not measured"
     if word := find_word(candidate.names, FOREIGN):
-        yield RatingLimits.FOREIGN, f"'{word}' in its name"
+        yield -RatingLimits.CONTRARY, f"'{word}' in its name"
     if not candidate.constant and not is_plausible(candidate, signal):
-        yield RatingLimits.RANGE, f"range {candidate.low:.4g} to {candidate.high:.4g} is implausible for a {signal}"
+        yield -RatingLimits.SLIGHT, f"range {candidate.low:.4g} to {candidate.high:.4g} is implausible for a {signal}"
     if signal == "current" and candidate.low < -RatingLimits.NEGATIVE_SHARE * candidate.peak:
-        yield RatingLimits.SIGN, f"goes below zero, to {candidate.low:.4g}"
+        yield -RatingLimits.LIKELY, f"goes below zero, to {candidate.low:.4g}"
     elif signal == "current":
-        yield RatingLimits.POSITIVE, "never negative"
+        yield RatingLimits.SLIGHT, "never negative"
     if signal == "current" and candidate.held:
-        yield RatingLimits.STEADY, "held between steps"
+        yield RatingLimits.SLIGHT, "held between steps"
 
 
 BIN_S = 0.005
@@ -381,7 +381,7 @@ class MotionTable:
 def _correlate(values: Values, other: Values) -> tuple[float, float]:
     """Return correlation and gain of `other` over `one`, both (n,), where both are known; NaN if that cannot be."""
     both = np.isfinite(values) & np.isfinite(other)
-    if both.sum() < RatingLimits.MIN_BINS:
+    if both.sum() < StatisticLimits.ENOUGH:
         return np.nan, np.nan
     a, b = values[both] - values[both].mean(), other[both] - other[both].mean()
     power, size = float(a @ a), float(b @ b)

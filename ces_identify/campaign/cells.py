@@ -43,7 +43,7 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
     result = identify(recordings[:count], recordings[count:], request.options(), fitter=request.fitter())
     if any(start.ended == INTERRUPTED for start in result.search_results):
         raise KeyboardInterrupt
-    result = result.require_explained(job.found, job.ignore_findings)
+    result = result.require_explained(job.findings, job.ignore_findings)
     seconds = time.monotonic() - began
     best, certificate = result.search_results[0], result.model.certificate or {}
     row = {

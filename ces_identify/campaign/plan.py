@@ -129,8 +129,8 @@ def axis(option: Option) -> Field:
     """Return the field of an axis: a value of the option, or a list of different ones; a text may be a number."""
     also = (AUTO,) if option.kind is float and option.default == AUTO else ()
     kind = (str, int) if option.check_text else option.kind
-    one = replace(option, default=(option.default,), also=also, kind=kind, key=option.name)
-    return replace(one, many=True, min_count=1, different=True, or_one=True)
+    value = replace(option, default=(option.default,), also=also, kind=kind, key=option.name)
+    return replace(value, many=True, min_count=1, different=True, or_one=True)
 
 
 BAGS = Field(min_count=1, many=True, different=True, or_one=True)
@@ -188,7 +188,7 @@ def _beside(path: Path, name: str) -> Path:
 
 def _load_candidates(path: Path, axes: Axes) -> dict[tuple[Any, Any], tuple[CandidateRules, str]]:
     """Return checked rules by method and name; raises CesError if they cannot be read or define too many candidates."""
-    found = {}
+    candidates = {}
     for method, name in product(axes.get("method", ()), axes.get("candidates", ())):
         file = None if name == BUILT_IN else _beside(path, str(name))
         rules = load_rules(file, str(method))
@@ -197,16 +197,16 @@ def _load_candidates(path: Path, axes: Axes) -> dict[tuple[Any, Any], tuple[Cand
         except CesError as error:
             raise CesError(f"{file}: {error}" if file else str(error)) from None
         text = file.read_bytes() if file else built_in_rules(str(method)).encode()
-        found[method, name] = rules, hashlib.sha256(text).hexdigest()
-    return found
+        candidates[method, name] = rules, hashlib.sha256(text).hexdigest()
+    return candidates
 
 
 @dataclass(frozen=True)
 class CampaignJob:
     """A cell with all its inputs except the recordings, which are sent separately.
 
-    `recordings` are the bags to identify on, `validation` the pairs (set, bag) to validate on. `found` are the findings
-    of the checks, in spite of which models are identified if they are ignored.
+    `recordings` are the bags to identify on, `validation` the pairs (set, bag) to validate on. `findings` are those of
+    the checks, in spite of which models are identified if they are ignored.
     """
 
     key: str
@@ -216,7 +216,7 @@ class CampaignJob:
     rules: CandidateRules | None
     recordings: tuple[Path, ...]
     validation: tuple[tuple[str, Path], ...]
-    found: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     ignore_findings: bool = False
 
     @property
@@ -239,7 +239,7 @@ def jobs(
     campaign: Campaign,
     recordings: Mapping[Path, Recording],
     described: str,
-    found: tuple[Finding, ...] = (),
+    findings: tuple[Finding, ...] = (),
     ignore_findings: bool = False,
 ) -> tuple[CampaignJob, ...]:
     """Return the job of each cell. `described` is the text of the recordings' signals description.
@@ -249,7 +249,8 @@ def jobs(
     """
     by_key: dict[str, CampaignJob] = {}
     for cell in campaign.cells():
-        job = replace(_make_job(campaign, cell, recordings, described), found=found, ignore_findings=ignore_findings)
+        job = _make_job(campaign, cell, recordings, described)
+        job = replace(job, findings=findings, ignore_findings=ignore_findings)
         other = by_key.setdefault(job.key, job)
         if other is not job:
             raise CesError(
@@ -268,7 +269,7 @@ def _make_job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recordin
         (name, path)
         for name, paths in campaign.validate.items()
         for path in paths
-        if not any((same := shared_content(recordings[one], recordings[path])) and same.whole for one in mine)
+        if not any((same := shared_content(recordings[own], recordings[path])) and same.whole for own in mine)
     )
     rules, text_hash = campaign.candidates.get((settings.get("method"), settings.get("candidates")), (None, None))
     facts = {

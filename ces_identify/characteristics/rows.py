@@ -34,9 +34,9 @@ class ConditionRow:
     current_A: float = column("A", "mean current of the level", "Current", "current")
     current_width_A: float = column("A", "largest minus smallest mean current of the level's cycles")
     amplitude_m: float = column(
-        "m", "mean amplitude: half the distance between the turning points", "Amplitude", "amplitude", milli=True
+        "m", "mean amplitude: half the distance between the turning points", "Amplitude", "ampl.", milli=True
     )
-    frequency_Hz: float = column("Hz", "mean frequency of the cycles", "Frequency", "frequency")
+    frequency_Hz: float = column("Hz", "mean frequency of the cycles", "Frequency", "freq.")
     cycles: int = whole("number of cycles", "Cycles", "cycles")
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from ces_identify.comparison.comparison import (
 )
 from ces_identify.limits import TickLimits
 from ces_identify.validation.cost_table import NONE, interval_text, percent
-from ces_identify.validation.evaluate import CostInterval, find_working_windows
+from ces_identify.validation.evaluate import find_working_windows
 from ces_observer.json_text import write_atomically
 from ces_report.plot import IntervalRow, Plot, PlotArea, PlotLine, draw_intervals, draw_plot, series_css, share_points
 from ces_report.shell import command_block, page_template, replace_unencodable
@@ -131,13 +131,16 @@ def _model_facts(i: int, comparison: Comparison) -> dict[str, Any]:
                 "recording": cost.recording,
                 "use": cost.use,
                 "J_percent": cost.cost,
-                "ci95_percent": _ends(cost.interval),
+                "ci95_percent": list(astuple(cost.interval)) if cost.interval else None,
                 "rms_N": cost.rms_N,
                 "outside_envelope": [asdict(use) for use in recording.exits[i]],
             }
             for cost, recording in zip(result.costs, comparison.recordings, strict=True)
         ],
-        "pooled": {"J_percent": result.pooled, "ci95_percent": _ends(result.pooled_interval)},
+        "pooled": {
+            "J_percent": result.pooled,
+            "ci95_percent": list(astuple(result.pooled_interval)) if result.pooled_interval else None,
+        },
         "force_bound_N": result.force_bound_N,
     }
 
@@ -161,10 +164,6 @@ def _difference(difference: Difference) -> dict[str, Any]:
         "first_minus_second_percent": difference.value,
         "interval_percent": None if difference.low is None else [difference.low, difference.high],
     }
-
-
-def _ends(interval: CostInterval | None) -> list[float] | None:
-    return None if interval is None else [interval.low, interval.high]
 
 
 def write_comparison(path: Path, comparison: Comparison, command: str) -> None:

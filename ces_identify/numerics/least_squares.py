@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F, I, Mask
 
 BLOCK = 256  # ticks of sensitivities in memory at a time
 TILE = 8  # ticks added to the normal matrix in one pass over it
@@ -122,16 +122,17 @@ def pull_towards(centre: F, weights: F) -> Penalty:
     return pull
 
 
-def limit_gains(gains: Callable[[F], tuple[F, F]], limit: float, strength: float) -> Penalty:
-    """Return the penalty strength sum(max(0, gain - limit)^2); `gains` returns gains (m,) and their slopes (m, n)."""
+def limit_gains(gains: Callable[[F], F], slopes: Callable[[F, Mask], F], limit: float, strength: float) -> Penalty:
+    """Return the penalty strength sum(max(0, gain - limit)^2) of gains (m,) with slopes (gains in a mask, n)."""
 
     def excess(params: F) -> NormalEquations:
-        values, slopes = gains(params)
+        values = gains(params)
         above = values > limit
-        beyond, active = values[above] - limit, slopes[above]
-        return NormalEquations(
-            strength * float((beyond**2).sum()), strength * active.T @ active, -strength * active.T @ beyond
-        )
+        if not above.any():
+            return NormalEquations(0.0, np.zeros((len(params), len(params))), np.zeros(len(params)))
+        beyond, active = values[above] - limit, slopes(params, above)
+        weighted = strength * active.T
+        return NormalEquations(strength * float((beyond**2).sum()), weighted @ active, -weighted @ beyond)
 
     return excess
 

@@ -9,6 +9,7 @@ at probed inputs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -16,7 +17,7 @@ from itertools import islice
 import numpy as np
 from numba import njit
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F, I, Mask
 from ces_identify.numerics import kernels
 from ces_identify.numerics.kernels import Bounds, TermArrays, _add_product
 from ces_identify.numerics.least_squares import (
@@ -65,9 +66,10 @@ def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, itera
     start, penalties = equations(coefficients), []
     if iterations == 0 or not np.isfinite(start.error):
         return FreeRunFit(coefficients, start.error, start.matrix)
-    if np.isfinite(problem.max_gain):
-        gains = partial(probed_gains, probes, arrays.outputs)
-        penalties = [limit_gains(gains, problem.max_gain - ROOM, PENALTY * start.error)]
+    if np.isfinite(problem.max_gain) and (arrays.outputs > 0).any():
+        by_lag = [np.where((arrays.outputs == lag)[:, None], probes, 0.0) for lag in np.unique(arrays.outputs) if lag]
+        how = partial(_probed_gains, by_lag), partial(_probed_slopes, by_lag)
+        penalties = [limit_gains(*how, problem.max_gain - ROOM, PENALTY * start.error)]
     points = improve(lambda c, _: start if c is coefficients else equations(c), coefficients, penalties, DAMPING)
     point = next(points)
     for better in islice(points, iterations):
@@ -78,15 +80,15 @@ def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, itera
     return FreeRunFit(point.params, point.data.error, point.data.matrix)
 
 
-def probed_gains(probes: F, outputs: I, coefficients: F) -> tuple[F, F]:
-    """Return the gain of the past forces at each probed input (points,), and its slopes (points, terms)."""
-    gains, slopes = np.zeros(probes.shape[1]), np.zeros(probes.shape[::-1])
-    for lag in np.unique(outputs[outputs > 0]):
-        of_lag = np.where((outputs == lag)[:, None], probes, 0.0)
-        share = coefficients @ of_lag
-        gains += np.abs(share)
-        slopes += (of_lag * np.sign(share)).T
-    return gains, slopes
+def _probed_gains(by_lag: Sequence[F], coefficients: F) -> F:
+    """Return the gain of the past forces at each probed input (points,), from the probes of each lag."""
+    return np.asarray(sum(np.abs(coefficients @ probes) for probes in by_lag))
+
+
+def _probed_slopes(by_lag: Sequence[F], coefficients: F, points: Mask) -> F:
+    """Return the derivatives of the gains at some points (points, terms) by the coefficients."""
+    chosen = [probes[:, points] for probes in by_lag]
+    return np.asarray(sum(probes * np.sign(coefficients @ probes) for probes in chosen)).T
 
 
 ITERATIONS = 20  # of the last fit, to all ticks

@@ -252,10 +252,12 @@ def fit_experts(
 
 
 def _make_mean(family: ExpertsFit, sampling: Sampling, members: Sequence[F], weights: F) -> Model:
-    """Return the mean of members with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
+    """Return the mean of members, or the only one, fitted to the weighted ticks as `Fitted.refit` describes it."""
     data = replace(family.training, estimation=weights * family.training.everything)
     again = replace(family, training=take_every(data, len(weights) // LAST_TICKS))
     models = [family.model([params, *again.improve(params, REFIT_STEPS)][-1], sampling) for params in members]
+    if len(models) == 1:
+        return replace(models[0], certificate=models[0].certify().to_mapping())
     return mean_of(models, [1.0 / len(models)] * len(models))
 
 

@@ -193,7 +193,9 @@ class _Climb:
         self.lowest, self.improved_at, self.began_at = np.inf, self.step, self.step
         penalties = [self.family.pull]
         if penalty:
-            penalties.append(limit_gains(self.family.gains, limit - PENALTY_MARGIN, penalty))
+            gains = self.family.gains
+            how = (lambda at: gains(at)[0]), (lambda at, above: gains(at)[1][above])
+            penalties.append(limit_gains(*how, limit - PENALTY_MARGIN, penalty))
         for point in descend(self.family.equations, params, penalties):
             if point.params is not params or self.step == self.began_at:
                 self._evaluate(point.params)

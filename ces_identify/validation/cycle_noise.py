@@ -43,7 +43,7 @@ def cycle_noise(series: Series) -> CycleNoise | str:
     start, stop = settled[np.argmax(settled[:, 1] - settled[:, 0])]
     if stop - start < 2 * CycleLimits.MIN_CYCLES:
         return "too short to settle"
-    period = find_period(series.position[start:stop], CycleLimits.MIN_PERIOD_S * series.rate_Hz)
+    period = find_period(series.position[start:stop])
     if period is None:
         return "the stroke does not repeat"
     cycle, lag = (np.arange(len(series)) / period).astype(np.int64), whole_ticks(period)
@@ -64,7 +64,7 @@ def cycle_noise(series: Series) -> CycleNoise | str:
     return CycleNoise(period / series.rate_Hz, cycles, noise, 100.0 * noise / float(series.force[series.scored].std()))
 
 
-def find_period(x: F, min_period: float) -> float | None:
+def find_period(x: F, min_period: float = 2.0) -> float | None:
     """Return the shortest period [ticks] of x (n,) above `min_period`, or None if x does not repeat.
 
     Candidates are the high peaks of the autocorrelation after its first zero crossing: the first at which most of x

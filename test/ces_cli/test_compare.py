@@ -111,7 +111,7 @@ def test_the_page_is_legible_on_screen_in_print_and_by_keys(compared):
 @pytest.mark.slow
 def test_the_page_reads_forces(compared):
     with open_page(compared) as page:
-        assert page.locator("#costs tbody tr").count() == 3
+        assert page.locator("#costs .models tbody tr").count() == 3
         frame = page.locator("#time0-plot .plot-frame")
         frame.hover()
         assert "ours/model" in page.locator("#time0-plot .plot-readout").inner_text()

@@ -114,8 +114,8 @@ def test_counts_are_ticks_at_every_rate(rate_Hz):
 @pytest.mark.parametrize(
     ("structure", "size", "message"),
     [
-        ("sigmoid", {"lags": "2,4"}, "structure 'sigmoid': '2,4' is not Y,C,V, such as 2,4,5"),
-        ("anfis", {"rules": "4"}, "structure 'anfis': '4' is not VxI, such as 7x2"),
+        ("sigmoid", {"lags": "2,4"}, "lags: '2,4' is not Y,C,V, such as 2,4,5"),
+        ("anfis", {"rules": "4"}, "rules: '4' is not VxI, such as 7x2"),
     ],
 )
 def test_a_wrong_size_is_one_line_in_a_script(structure, size, message):

@@ -54,7 +54,7 @@ UNKNOWNS, STIFF = 11, 5
 COIL, PILOT, PLAY, PLAYS = 11, 12, 13, 4
 LAST_STROKE, LAST_SPEED, LAST_CURRENT = 17, 18, 19
 STATE_SIZE = 20
-STEP_S = 50e-6  # integration step: halving it changes the force by less than 0.2 % (test_hydraulics)
+STEP_S = 50e-6  # integration step: halving it changes the force by less than 0.2 % (test_hydraulic)
 STATE_NAMES = (
     "piston_m", "piston_m_s", "p_compression_Pa", "p_rebound_Pa", "p_gas_Pa", "poppet", "piston_check",
     "top_compression", "top_rebound", "bristle_m", "oil_degC", "coil_A", "pilot_Pa", "play1_A", "play2_A", "play3_A",

@@ -169,7 +169,7 @@ SIZE = len(NAMES)
 
 PISTON, SPEED, BEND, SEAL, TEMPERATURE, COIL, HELD, ACTING, AIR = 0, 1, 2, 3, 4, 5, 6, 7, 8
 STATE_SIZE = 9
-STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_lumped_kernels)
+STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_lumped)
 COLUMNS = len(SPEEDS)
 AIR_N = 80.0  # force that squeezes half of the air
 VOID_SHARE = 1e-4  # of the spring's slope left while there is a void

@@ -78,7 +78,7 @@ def test_the_pull_leads_to_its_centre_as_ridge_regression_does():
 
 
 def test_a_limit_of_gains_costs_what_is_beyond_it_and_leads_back():
-    penalty = limit_gains(lambda params: (2.0 * params, 2.0 * np.eye(3)), 1.0, 10.0)
+    penalty = limit_gains(lambda params: 2.0 * params, lambda params, above: 2.0 * np.eye(3)[above], 1.0, 10.0)
     beyond = penalty(np.array([0.5, 0.7, -9.0]))
     assert beyond.error == pytest.approx(10.0 * 0.4**2)
     np.testing.assert_allclose(beyond.matrix, np.diag([0.0, 40.0, 0.0]))

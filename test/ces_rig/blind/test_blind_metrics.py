@@ -1,4 +1,4 @@
-"""Metrics of a blind test: known values of each statistic, and the criteria of a right answer."""
+"""A blind test: a balanced plan, known values of each statistic, and the criteria of a right answer."""
 
 from dataclasses import replace
 from math import inf, isnan

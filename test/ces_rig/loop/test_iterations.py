@@ -1,12 +1,17 @@
-"""The loop: interrupted anywhere it goes on to the same results; costs are on data that no fit has seen."""
+"""The loop: what is kept, when it stops, how it goes on, and Ctrl-C in a search."""
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import shutil
-from collections.abc import Sequence
+import signal
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from math import inf, isnan, nan
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,11 +21,12 @@ from iterate_examples import LIMITS, BreakingRig, make_plan, sine_commands, smal
 
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.signals_file import load_signals
+from ces_identify.numerics.search import SearchResult
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_rig.experiments.commands import write_commands
-from ces_rig.loop.identification import evaluate_fresh
-from ces_rig.loop.iterate import IterateListener, Iterations
+from ces_rig.loop.identification import evaluate_fresh, interruptible
+from ces_rig.loop.iterate import IterateListener, Iterations, find_stop
 from ces_rig.loop.page import write_page
 from ces_rig.loop.rigs import DROP, FolderRig
 from ces_rig.loop.store import ROWS, Iteration, keep_inputs
@@ -204,3 +210,73 @@ def test_heat_is_carried_on_and_the_damper_rests(tmp_path: Path) -> None:
     assert first["rest_s"] == 0.0
     assert first["load_W"] > 1.0
     assert second["rest_s"] == pytest.approx(5.0 * np.log(first["load_W"]))
+
+
+def row(**facts):
+    return SimpleNamespace(**{"number": 1, "total_s": 10.0, "fresh_J": None, "fresh_high_J": None, **facts})
+
+
+def plan(target_J):
+    stop = SimpleNamespace(target_J=target_J, max_iterations=9, budget_s=60.0)
+    return SimpleNamespace(stop=stop, experiments=SimpleNamespace(kind="designed"))
+
+
+@pytest.mark.parametrize(
+    ("facts", "reached"),
+    [
+        ({}, False),
+        ({"fresh_J": 3.9}, False),  # too short for an interval
+        ({"fresh_J": 3.9, "fresh_high_J": 4.1}, False),
+        ({"fresh_J": 3.2, "fresh_high_J": 3.9}, True),
+    ],
+)
+def test_a_target_is_reached_when_the_whole_interval_is_below(facts, reached):
+    text = find_stop(plan(4.0), [row(**facts)], 10.0)
+    assert text.startswith("target reached: J 3.20 %, with 95 % confidence at most 3.90 %") == reached
+    assert bool(text) == reached
+
+
+def test_a_diverged_run_is_null_in_its_line_and_no_number_when_it_is_read_again():
+    one = Iteration(2, "two", 3.0, 6.0, 0.0, 0.0, inf, 5.0, {"other": nan}, 0.5, 0.1, 0.1, (), "m.json")
+    row = json.loads(json.dumps(one.to_row(), allow_nan=False))
+    again = Iteration.from_row(row, Path("iterations.jsonl"))
+    assert again.fresh_J is None
+    assert isnan(again.validation_J["other"])
+    assert (again.number, again.fit_J) == (2, 5.0)
+
+
+@pytest.fixture(autouse=True)
+def _heard() -> Iterator[None]:
+    """Hear Ctrl-C also where the tests themselves run in the background, which ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_a_caught_interrupt_comes_again_after_the_block() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    steps = []
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        steps.append("the block went on")
+    assert steps
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+class InterruptingListener(IterateListener):
+    """Ctrl-C comes with the first result of the search."""
+
+    came = False
+
+    def listen_search(self, result: SearchResult) -> None:
+        if not self.came:
+            self.came = True
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_model_of_a_search_that_was_cut_is_not_kept(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        Iterations(make_plan(tmp_path), small_rig(), tmp_path, InterruptingListener()).run()
+    assert (tmp_path / "iteration_01" / "recording").exists()
+    assert not (tmp_path / "iteration_01" / "model.json").exists()

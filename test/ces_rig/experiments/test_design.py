@@ -1,17 +1,90 @@
-"""Designed experiments keep every limit, repeat exactly, suit the actuator, and teach more than random ones."""
+"""Design of experiments: commands as files, information, and designs within a rig's limits."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from iterate_examples import HOT, make_limits, make_task
+from iterate_examples import HOT, make_limits, make_task, sine_commands
 from scipy.signal import welch
 
 from ces_rig.errors import RigError
-from ces_rig.experiments.commands import INTERVAL_S, RigCommands, RigLimits
+from ces_rig.experiments.commands import HEADER, INTERVAL_S, RigCommands, RigLimits, read_commands, write_commands
 from ces_rig.experiments.designer import DesignTask, design_experiment, rows_of
+from ces_rig.experiments.information import ERROR_VARIANCE, Information
+
+
+def test_a_written_experiment_is_read_again(tmp_path: Path) -> None:
+    commands = sine_commands()
+    write_commands(tmp_path / "sine.csv", commands)
+    again = read_commands(tmp_path / "sine.csv")
+    assert np.abs(again.stroke_m - commands.stroke_m).max() < 1e-8
+    assert np.abs(again.current_A - commands.current_A).max() < 1e-5
+    assert again.name == "sine"
+    assert again.duration_s == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("a,b,c\n0,0,0\n0.001,0,0\n", "first line"),
+        (f"{HEADER}\n0,0,0\n0.002,0,0\n", "every 0.001 s"),
+        (f"{HEADER}\n0,0,0\n0.001,x,0\n", "three numbers"),
+        (f"{HEADER}\n0,0,0\n0.001,nan,0\n", "not a finite number"),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path: Path, text: str, part: str) -> None:
+    path = tmp_path / "wrong.csv"
+    path.write_text(text)
+    with pytest.raises(RigError, match=part):
+        read_commands(path)
+
+
+def test_the_stroke_between_grid_points_is_a_cubic_and_the_current_is_held() -> None:
+    time = np.arange(101) * 1e-3
+    commands = RigCommands("c", 0.01 * time**3, np.where(time < 0.05, 0.3, 0.7))
+    stroke, current = commands.at(0.5e-3)
+    fine = np.arange(201) * 0.5e-3
+    assert np.abs(stroke - 0.01 * fine**3).max() < 1e-12
+    assert set(current) == {0.3, 0.7}
+    assert current[99] == 0.3
+    assert current[100] == 0.7
+
+
+COUNT = 12
+
+
+def slow_covariance(rows: np.ndarray) -> np.ndarray:
+    """Return the posterior covariance by inverting the information matrix."""
+    return np.linalg.inv(np.eye(COUNT) + rows.T @ rows / ERROR_VARIANCE)
+
+
+def test_added_rows_give_the_inverse_of_the_information_matrix() -> None:
+    rng = np.random.default_rng(1)
+    first, second = rng.standard_normal((7, COUNT)), rng.standard_normal((5, COUNT))
+    information = Information.none(COUNT).add(first).add(second)
+    assert information.covariance == pytest.approx(slow_covariance(np.concatenate([first, second])), abs=1e-10)
+
+
+def test_the_gain_is_the_fall_of_the_weighted_mean_variance() -> None:
+    rng = np.random.default_rng(2)
+    known, rows, targets = (rng.standard_normal((n, COUNT)) for n in (4, 6, 30))
+    weights = rng.random(30)
+    before = Information.none(COUNT).add(known)
+    after = before.add(rows)
+    fall = np.average(before.variance(targets) - after.variance(targets), weights=weights)
+    assert before.gain(rows, before.weigh(targets, weights)) == pytest.approx(fall, rel=1e-9)
+
+
+def test_more_rows_cover_more() -> None:
+    rng = np.random.default_rng(3)
+    targets = 0.5 * rng.standard_normal((50, COUNT))
+    shares = [Information.none(COUNT).add(rng.standard_normal((n, COUNT))).coverage(targets) for n in (0, 40, 4000)]
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+
 
 pytestmark = pytest.mark.slow
 BOXES = [

@@ -1,13 +1,57 @@
-"""The hydraulic kernel: oil, convergence, vapour; and what a dyno shows of it."""
+"""The hydraulic damper: its parameters, the kernel's physics, what a dyno shows of it, and its stepper."""
+
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
 from dyno_measurements import current_step, cycle, rise_time, steady_force
 
+from bench.parameter_table import as_yaml, rows
 from ces_rig.dampers.hydraulic import kernel as hy
 from ces_rig.dampers.hydraulic.kernel import STEP_S
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, coefficients, parse_damper
-from ces_rig.dampers.stepper import simulate
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, coefficients, load_damper, parse_damper
+from ces_rig.dampers.stepper import DamperStepper, simulate, spline_speed
+from ces_rig.errors import RigError
+
+PACKAGED = Path(str(files("ces_rig.dampers.hydraulic"))) / "damper.yaml"
+
+
+def test_the_packaged_file_is_the_default_damper():
+    assert load_damper(PACKAGED) == Damper()
+    assert PACKAGED.read_text(encoding="utf-8") == as_yaml()
+
+
+def test_one_key_of_a_check_valve_may_be_given_alone():
+    damper = parse_damper({"top_checks": {"compression": {"closing_s": 0.004}}}, "x")
+    assert damper.top_checks.compression.closing_s == 0.004
+    assert damper.top_checks.compression.area_m2 == Damper().top_checks.compression.area_m2
+    assert damper.piston == Damper().piston
+
+
+def test_every_parameter_reaches_the_kernel():
+    base = coefficients(Damper())
+    special = {"half_stroke_m", "start_degC"}  # start: in the state; half stroke: below
+    for path, default, one in rows():
+        if path.rpartition(".")[2] in special:
+            continue
+        mapping = default * 1.01 if default else 0.5 * one.high
+        for key in reversed(path.split(".")):
+            mapping = {key: mapping}
+        assert coefficients(parse_damper(mapping, "x")) != base, path
+    assert coefficients(parse_damper({"body": {"half_stroke_m": 0.05}}, "x")) != base
+
+
+def test_every_parameter_has_a_unit_and_lies_inside_its_range():
+    for path, value, one in rows():
+        assert one.unit and one.meaning and one.low <= value <= one.high, path
+
+
+def test_words_that_are_numbers_are_taken(tmp_path):
+    path = tmp_path / "d.yaml"
+    path.write_text("reservoir: {pressure_Pa: 8e5}\n")  # YAML 1.1 reads 8e5 as a word
+    assert load_damper(path).reservoir.pressure_Pa == 8e5
+
 
 GRID = 0.5e-3
 
@@ -117,3 +161,60 @@ def test_seal_sticks_before_it_slides():
     sliding = cycle(Damper(), 0.01, 1.0, 0.5)
     assert slope > 20 * np.polyfit(sliding.stroke_m, sliding.force_N, 1)[0]
     assert slope > 2e5
+
+
+TICK_S = 1e-3
+
+
+@pytest.fixture
+def signals():
+    time = np.arange(0, 0.6, TICK_S)
+    stroke = 0.01 * np.sin(2 * np.pi * 5 * time) ** 3
+    return stroke, spline_speed(time, stroke), 0.5 + 0.2 * np.sin(40 * time)
+
+
+def test_chunks_equal_the_batch_exactly(signals):
+    stroke, speed, current = signals
+    batch = simulate(Hydraulic(Damper()), TICK_S, stroke, current, speed).force_N
+    stepper = DamperStepper(Hydraulic(Damper()), TICK_S)
+    chunked = [stepper.settle(stroke[0], speed[0], current[0])]
+    for part in (slice(1, 2), slice(2, 3), slice(3, 250), slice(250, 600)):
+        chunked.extend(stepper.advance(stroke[part], speed[part], current[part]))
+    assert np.array_equal(batch, chunked)
+
+
+def test_reset_brings_it_back_to_new(signals):
+    stroke, speed, current = signals
+    stepper = DamperStepper(Hydraulic(Damper()), TICK_S)
+    first = stepper.advance(stroke, speed, current)
+    assert not np.array_equal(stepper.advance(stroke, speed, current), first)
+    stepper.settle()
+    assert np.array_equal(stepper.advance(stroke, speed, current), first)
+
+
+def test_the_oil_warms_by_the_work_put_in():
+    damper = Damper()
+    time = np.arange(0, 5, TICK_S)
+    stroke = 0.018 * np.clip(time, 0, 1) ** 2 * np.sin(2 * np.pi * 4 * time)
+    run = simulate(Hydraulic(damper), TICK_S, stroke, np.full_like(time, 0.6))
+    work = np.sum((run.force_N[1:] + run.force_N[:-1]) / 2 * np.diff(stroke))
+    oil = run.state("oil_degC")
+    lost = damper.heat.loss_W_K * np.sum(oil - damper.heat.ambient_degC) * TICK_S
+    assert work > 500.0
+    # the rest: bushing damping (not oil) and what is stored in springs
+    assert (oil[-1] - oil[0]) * damper.heat.capacity_J_K + lost == pytest.approx(work, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("stroke", "current", "says"),
+    [
+        ([0.0], [0.5], "equal lengths"),
+        ([0.0, 0.0, 0.0], [0.5, 0.5], "equal lengths"),
+        ([0.0, np.nan], [0.5, 0.5], "not finite"),
+        ([0.0, 0.01], [0.5, np.inf], "not finite"),
+        ([0.0, 0.07], [0.5, 0.5], "0.07 m; the damper's ends are at ±0.06 m"),
+    ],
+)
+def test_bad_input_is_refused(stroke, current, says):
+    with pytest.raises(RigError, match=says):
+        simulate(Hydraulic(Damper()), TICK_S, np.array(stroke), np.array(current))
