@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,8 +10,7 @@ import yaml
 
 from ces_data.logs.frame import FrameTable, is_frame
 from ces_data.logs.log_import import to_recording
-from ces_data.logs.log_mapping import parse_dyno_mapping
-from ces_data.mapping.proposals import propose_for
+from ces_data.mapping.proposals import parse_mapping_without_force, propose_for
 from ces_data.recording import Recording
 from ces_data.tables import tabulate
 from ces_observer.errors import CesError, RecordingError
@@ -41,23 +39,18 @@ def read_frame(
         raise CesError(f"columns: expected columns by signal; {EXAMPLE}")
     name = name or (NAME if is_frame(table) else "arrays")
     log = FrameTable(table, name)
-    proposal = propose_for(log)
+    proposal = propose_for(log, need=need)
     given = {signal: _as_source(signal, source) for signal, source in (columns or {}).items()}
     content = {**(yaml.safe_load(proposal.text) or {}), **given}
     if "rate" in given:
         content.pop("time", None)
-    settled = {*given, *({"force"} if "force" not in need else ()), *({"time"} if "rate" in given else ())}
+    settled = {*given, *({"time"} if "rate" in given else ())}
     doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled]
     if doubts:
         raise RecordingError(f"{name}: {doubts[0]}; say which it is: {EXAMPLE}")
     for remark in proposal.remarks:
         warnings.warn(f"{name}: {remark}; taken as it is", stacklevel=4)
-    is_measured = "force" in content
-    content.setdefault("force", {"constant": 0.0})
-    recording = to_recording(log, parse_dyno_mapping(json.dumps(content), name))
-    if is_measured:
-        return recording
-    return Recording(recording.name, {k: c for k, c in recording.channels.items() if k != "force"})
+    return to_recording(log, parse_mapping_without_force(content, name))
 
 
 def _as_source(signal: str, source: Any) -> Any:

@@ -28,11 +28,22 @@ def is_foreign(path: Path) -> bool:
     return path.suffix.lower() in KINDS and path.is_file()
 
 
+def is_log(path: Path) -> bool:
+    """Return whether a file is a log that is read like a bag, and not one that ces wrote, such as a model."""
+    return is_foreign(path) and not _is_ours(path)
+
+
+def _is_ours(path: Path) -> bool:
+    if path.suffix.lower() != ".json":
+        return False
+    with path.open("rb") as file:
+        return re.match(rb'\s*\{\s*"schema"\s*:\s*"ces-', file.read(100)) is not None
+
+
 def explain_import(path: Path) -> str:
     """Return what a foreign file is, and the command that makes a bag of it."""
-    suffix = path.suffix.lower()
-    if suffix == ".json":
-        with path.open("rb") as file:
-            if re.match(rb'\s*\{\s*"schema"\s*:\s*"ces-', file.read(100)):
-                return "is a file that ces wrote, such as a model, and no recording; expected a bag"
-    return f"is {KINDS[suffix]}, not a rosbag2 bag; convert it: ces import {shlex.quote(str(path))} --out BAG"
+    if _is_ours(path):
+        return "is a file that ces wrote, such as a model, and no recording; expected a bag"
+    return (
+        f"is {KINDS[path.suffix.lower()]}, not a rosbag2 bag; convert it: ces import {shlex.quote(str(path))} --out BAG"
+    )

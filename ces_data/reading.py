@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -14,7 +16,7 @@ from ces_data.frames import is_table, read_frame
 from ces_data.log_formats import is_foreign
 from ces_data.logs import log_import
 from ces_data.logs.log_mapping import load_dyno_mapping
-from ces_data.mapping.proposals import propose_mapping
+from ces_data.mapping.proposals import propose_mapping, split_damper
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
@@ -34,17 +36,25 @@ def read_recording(path: PathInput, *, signals: PathInput | None = None, need: S
     return _check(reader.read_recording(as_path(path, "recording"), described, need))
 
 
-def read_log(path: PathInput, *, mapping: PathInput | None = None) -> Recording:
+def read_log(
+    path: PathInput,
+    *,
+    mapping: PathInput | None = None,
+    need: Sequence[str] = SIGNALS,
+    say: Callable[[str], None] = lambda found: None,
+) -> Recording:
     """Read and check a log of any format that `ces import` reads.
 
     `mapping` is its mapping file. Without one, the columns are found by their names, units and numbers, as `ces import`
-    does. Raises CesError, also where what was found is not certain.
+    does, and `say` is told what was taken. A force that is not in `need` may be missing. Raises CesError, also where
+    what was found is not certain.
     """
     path = as_path(path, "log")
     if mapping is not None:
-        return _check(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))))
-    proposal = propose_mapping(path)
-    recording = proposal.read()
+        return _check(_hashed(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))), path))
+    proposal = propose_mapping(path, need=need)
+    recording = _hashed(proposal.read(), split_damper(path)[0])
+    say("; ".join(proposal.found))
     for remark in proposal.remarks:
         warnings.warn(f"{path}: {remark}; taken as logged", stacklevel=2)
     return _check(recording)
@@ -69,7 +79,7 @@ def as_recordings(
         elif not isinstance(one, str | os.PathLike):
             raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(one)}")
         elif is_foreign(path := as_path(one, "recording")):
-            recordings.append(read_log(path))
+            recordings.append(read_log(path, need=need))
         else:
             recordings.append(read_recording(path, signals=signals, need=need))
     return recordings
@@ -85,6 +95,12 @@ def as_path(given: PathInput, name: str) -> Path:
 def kind_of(given: object) -> str:
     """Return what a value is, for an error."""
     return "None" if given is None else f"a value of type {type(given).__name__}"
+
+
+def _hashed(recording: Recording, path: Path) -> Recording:
+    """Return a recording with the hash of its file, by which it is known again."""
+    with path.open("rb") as file:
+        return replace(recording, sha256=hashlib.file_digest(file, "sha256").hexdigest())
 
 
 def _check(recording: Recording) -> Recording:

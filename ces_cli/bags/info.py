@@ -19,6 +19,7 @@ from ces_data.bags.reader import list_topics, read_recording
 from ces_data.bags.storage import Topic
 from ces_data.checks.check import find_all_faults
 from ces_data.findings import ERROR, WARNING, WRONG_MODEL, Finding
+from ces_data.log_formats import is_log
 from ces_data.recording import Recording
 from ces_data.samples import ChannelStats, Coverage, channel_stats, coverage
 from ces_data.signals_file import load_signals
@@ -82,8 +83,8 @@ def make_parser() -> terminal.Parser[InfoRequest]:
 def _inspect_bag(path: Path, signals: Signals) -> BagReport:
     with warnings.catch_warnings(record=True) as caught, terminal.err.status(f"reading {path}"):
         warnings.simplefilter("always")
-        recording = read_recording(path, signals)
-        topics = list_topics(path)
+        topics = () if is_log(path) else list_topics(path)
+        recording = terminal.read_one(path, signals) if is_log(path) else read_recording(path, signals)
     warned = tuple(Finding(WARNING, str(warning.message)) for warning in caught)
     stats = {name: channel_stats(channel) for name, channel in recording.channels.items()}
     return BagReport(recording, topics, stats, find_all_faults(recording) + warned)
@@ -94,8 +95,8 @@ def _print_report(reports: list[BagReport], covered: Coverage, signals: Signals)
         terminal.print_line(f"{report.recording.source}  (sha256 {report.recording.sha256[:SHORT_HASH]}…)", "bold")
         for name in report.recording.channels:
             signal = signals[name]
-            source = "constant"
-            if isinstance(signal, Signal):
+            source = "of the log" if is_log(Path(report.recording.source)) else "constant"
+            if isinstance(signal, Signal) and report.topics:
                 source = f"/{signal.topic.lstrip('/')} {signal.field.text} ({signal.type})"
             terminal.print_line(f"  {name}: {source}")
         others = [t for t in report.topics if not any(s.matches(t.name) for s in signals.list_topic_signals())]

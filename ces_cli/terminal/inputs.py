@@ -18,7 +18,7 @@ from ces_data.bags.mcap import require_complete
 from ces_data.bags.reader import list_topics, read_recording
 from ces_data.checks.check import check_each
 from ces_data.findings import Finding
-from ces_data.log_formats import explain_import, is_foreign
+from ces_data.log_formats import explain_import, is_foreign, is_log
 from ces_data.recording import Channel, Recording
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import (
@@ -84,7 +84,7 @@ def _match_word(word: str) -> Iterator[Path]:
     matched = paths
     if not paths[0].exists() and any(letter in word for letter in WILD):
         matched = [Path(name) for name in sorted(glob.glob(word, recursive=True))]  # noqa: PTH207 - absolute, too
-        paths = [path for path in matched if (path.is_dir() or is_bag(path)) and not is_bag(path.parent)]
+        paths = [p for p in matched if (p.is_dir() or is_bag(p) or is_log(p)) and not is_bag(p.parent)]
     bags = [bag for path in paths for bag in _find_bags_inside(path)]
     if not bags:
         what = "no bag in this folder or below it" if matched == [Path(word)] else "no bag matches"

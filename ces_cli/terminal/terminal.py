@@ -28,6 +28,8 @@ from rich.table import Column, Table
 from ces_cli.terminal.options import Argument, OptionRule, PartOption, ProgramRequest, find_given, require_applicable
 from ces_data.bags.reader import LogTimeWarning, read_recording
 from ces_data.findings import require_usable
+from ces_data.log_formats import is_log
+from ces_data.reading import read_log
 from ces_data.recording import Recording
 from ces_identify.jobs import end_process
 from ces_observer.errors import CesError, OptionName
@@ -155,7 +157,9 @@ def parse_as(field: Field) -> Callable[[str], Any]:
 
 
 def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> Recording:
-    """Read and check a recording; warnings go to the terminal, one line each. Raises CesError."""
+    """Read and check a bag, or a log, and say what of it was taken; warnings are a line each. Raises CesError."""
+    if is_log(path):
+        return _read_log(path, need)
     with warnings.catch_warnings(record=True) as caught, err.status(f"reading {path}"):
         warnings.simplefilter("always")
         recording = read_recording(path, signals, need)
@@ -168,6 +172,15 @@ def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> R
         print_warning(f"{recording.name}: {text}" + " (said once for all recordings)" * of_log_time)
     for finding in findings:
         print_warning(f"{recording.name}: {finding.text}")
+    return recording
+
+
+def _read_log(path: Path, need: Sequence[str]) -> Recording:
+    with warnings.catch_warnings(record=True) as caught, err.status(f"reading {path}"):
+        warnings.simplefilter("always")
+        recording = read_log(path, need=need, say=lambda found: print_line(f"{path}: {found}", console=err))
+    for warning in caught:
+        print_warning(str(warning.message))
     return recording
 
 

@@ -20,7 +20,7 @@ from ces_data.config_file import first_line
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
-from ces_observer.errors import RecordingError
+from ces_observer.errors import CesError, RecordingError
 
 MAX_TIME_S = 9.0e9  # stamps in nanoseconds end at 9.2e9 s, in the year 2262
 MAX_ROWS, MAX_CELLS = 500_000, 8_000_000  # of a block of a table, or samples of a block of channels
@@ -190,9 +190,11 @@ def open_format(kind: str, path: Path, mapping: DynoMapping, progress: Progress)
     try:
         log: LogTable | TimedLog = module.open_log(path, mapping, progress)
         return log
+    except CesError:
+        raise
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError, NotImplementedError) as error:
+    except Exception as error:  # of a library, for a damaged file
         raise RecordingError(f"{path}: not a {kind} file: {first_line(error)}") from None
 
 

@@ -6,9 +6,12 @@ import json
 import re
 import shlex
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from ces_data.logs.can import CanLog
 from ces_data.logs.csv import CsvTable
@@ -125,12 +128,17 @@ class MappingProposal:
 
 
 def propose_mapping(
-    path: Path, *, rate: float | None = None, dbc: Sequence[Path] = (), progress: Progress = lambda share: None
+    path: Path,
+    *,
+    rate: float | None = None,
+    dbc: Sequence[Path] = (),
+    progress: Progress = lambda share: None,
+    need: Sequence[str] = REQUIRED,
 ) -> MappingProposal:
     """Return a mapping for a log from the names, units and numbers of its columns; raises RecordingError.
 
     `log.csv#front` selects one of several dampers. `rate` [Hz] is that of a table without a time, `dbc` are the
-    databases of a CAN log, `progress` is that of `open_log`.
+    databases of a CAN log, `progress` is that of `open_log`. A force that is not in `need` may be missing.
     """
     path, damper = split_damper(path)
     log = open_log(path, DynoMapping(source="a mapping", signals={}, blank="missing", dbc=tuple(dbc)), progress)
@@ -139,11 +147,15 @@ def propose_mapping(
         raise RecordingError(f"{path}: ", OptionName("rate"), times)
     if dbc and not isinstance(log, CanLog):
         raise RecordingError(f"{path}: ", OptionName("dbc"), " does not apply: this is no CAN log")
-    return propose_for(log, rate, dbc, damper)
+    return propose_for(log, rate, dbc, damper, need)
 
 
 def propose_for(
-    log: LogTable | TimedLog, rate: float | None = None, dbc: Sequence[Path] = (), damper: str = ""
+    log: LogTable | TimedLog,
+    rate: float | None = None,
+    dbc: Sequence[Path] = (),
+    damper: str = "",
+    need: Sequence[str] = REQUIRED,
 ) -> MappingProposal:
     """Return the same for an open log."""
     candidates = find_log_candidates(log, rate)
@@ -151,14 +163,22 @@ def propose_for(
     if damper and damper not in selection.names:
         names = ", ".join(selection.names) or "one damper only"
         raise RecordingError(f"{log.path}: no damper '{damper}'; found: {names}")
-    writer = _MappingWriter(log, candidates, selection, dbc, damper)
+    writer = _MappingWriter(log, candidates, selection, dbc, damper, need)
     text = "\n".join(writer.lines()) + "\n"
-    mapping = None if writer.missing else parse_dyno_mapping(text, f"the mapping proposed for {log.path}")
+    source = f"the mapping proposed for {log.path}"
+    mapping = None if writer.missing else parse_mapping_without_force(yaml.safe_load(text), source)
     # a mapping may resolve the form of a time; what may be any signal is the fault of each
     unread = [(s, why) for key, why in candidates.unread.items() for s in (REQUIRED if key == ANY else (key,))]
     faults = frozenset(f"{signal}: {why}" for signal, why in unread if signal != "time")
     doubts = (*writer.missing, *writer.doubts)
     return MappingProposal(selection, text, mapping, log, doubts, writer.remarks, tuple(writer.summary()), faults)
+
+
+def parse_mapping_without_force(content: Mapping[str, Any], source: str) -> DynoMapping:
+    """Return the mapping with this content, which need not have a force, as a file must; raises MappingError."""
+    mapping = parse_dyno_mapping(json.dumps({**content, "force": content.get("force", {"constant": 0.0})}), source)
+    signals = {name: signal for name, signal in mapping.signals.items() if name in content or name != "force"}
+    return replace(mapping, signals=signals)
 
 
 def split_damper(path: Path) -> tuple[Path, str]:
@@ -177,6 +197,7 @@ class _MappingWriter:
         selection: Selection,
         dbc: Sequence[Path],
         damper: str,
+        need: Sequence[str],
     ) -> None:
         self.log, self.found, self.dbc = log, candidates, dbc
         self.name = f"{log.path.name}#{damper}" if damper else log.path.name
@@ -189,7 +210,8 @@ class _MappingWriter:
             replace(missing, reason=candidates.unread.get(signal, any_fault or missing.reason))
             for signal, missing in damper_choice.missing.items()
         ]
-        unknown = [missing for missing in self.absent if not (missing.signal == "current" and self.amperes)]
+        optional = {*({"current"} if self.amperes else ()), *({"force"} - set(need))}
+        unknown = [missing for missing in self.absent if missing.signal not in optional]
         self.missing = [f"{missing.signal}: {missing.reason}" for missing in unknown]
         if not candidates.time_text:
             self.missing.append(f"time: {candidates.unread.get('time', NO_TIME)}")

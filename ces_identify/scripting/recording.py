@@ -46,7 +46,7 @@ class Recording(recording.Recording):
         A measured force may be missing. Warns of what looks wrong; raises CesError for what cannot be used.
         """
         if mapping is not None or is_foreign(as_path(path, "recording")):
-            return cls.of(read_log(path, mapping=mapping))
+            return cls.of(read_log(path, mapping=mapping, need=SIGNALS[:2]))
         return cls.of(read_recording(path, signals=signals, need=SIGNALS[:2]))
 
     @classmethod

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tiny_bags as tiny
 from programs import error_line
 
+from ces import Recording
 from ces_cli.main import main
 from ces_cli.terminal.inputs import find_bag, find_bags, with_distinct_names
-from ces_data.recording import Recording
 from ces_observer.errors import CesError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -55,19 +56,40 @@ def test_the_folder_of_a_killed_recorder_is_a_bag(here):
 
 
 @pytest.mark.parametrize("name", ["x.csv", "x.mat", "x.MF4", "x.parquet", "x.blf", "x.asc", "x.log"])
-def test_another_log_is_pointed_to_import(tmp_path, monkeypatch, capsys, name):
+def test_another_log_is_read_as_such(tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(tmp_path)
     Path(name).touch()
-    assert f"not a rosbag2 bag; convert it: ces import {name} --out BAG" in error_line(capsys, "info", name)
+    assert name in (line := error_line(capsys, "info", name)) and "bag" not in line
 
 
-def test_a_folder_or_glob_of_other_logs_is_pointed_to_import(tmp_path):
+def test_every_program_takes_a_log_and_says_what_it_took_of_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    recording = Recording.load(ROOT / "bags/sine_4hz").part(0.0, 4.0)
+    t = 1e-9 * (recording.channel("position").stamps_ns - recording.channel("position").stamps_ns[0])
+    x, current = recording.channel("position").values, np.full(len(t), 0.5)
+    force = np.interp(t, np.linspace(0.0, t[-1], len(recording.channel("force"))), recording.channel("force").values)
+    head, columns = "time_s,stroke_mm,current_A,force_N", np.column_stack([t, 1e3 * x, current, force])
+    np.savetxt("rig.csv", columns, delimiter=",", header=head, comments="")
+    np.savetxt("car.csv", columns[:, :3], delimiter=",", header=head.rpartition(",")[0], comments="")
+    for words in (
+        ["validate", str(MODEL), "rig.csv"],
+        ["info", "rig.csv"],
+        ["characterise", "rig.csv", "--out", "shown"],
+    ):
+        assert main(words) == 0
+        assert "rig.csv: time from 'time_s' [s]; position from 'stroke_mm' [mm to SI]" in capsys.readouterr().err
+    assert main(["simulate", "--sim", str(MODEL), "car.csv", "--out", "force.csv"]) == 0
+    assert "force from" not in capsys.readouterr().err and len(Path("force.csv").read_text().splitlines()) == len(t) + 1
+    assert "car.csv: force: nothing is named like it" in error_line(capsys, "validate", str(MODEL), "car.csv")
+
+
+def test_a_glob_finds_logs_and_a_folder_of_them_is_pointed_to_import(tmp_path):
     (tmp_path / "run.csv").touch()
-    for word in (tmp_path, tmp_path / "*.csv"):
-        with pytest.raises(
-            CesError, match=r"run.csv is a CSV table, not a rosbag2 bag; convert it: ces import \S+/run.csv --out BAG"
-        ):
-            find_bags([str(word)])
+    assert find_bags([str(tmp_path / "*.csv")]) == [tmp_path / "run.csv"]
+    with pytest.raises(
+        CesError, match=r"run.csv is a CSV table, not a rosbag2 bag; convert it: ces import \S+/run.csv --out BAG"
+    ):
+        find_bags([str(tmp_path)])
 
 
 def test_programs_take_folders_and_globs(here, capsys):
