@@ -154,10 +154,11 @@ setup(
         "can": CAN,  # ces import FILE.blf with a DBC
         "parquet": PARQUET,  # ces import FILE.parquet, ces export-data --out FILE.parquet
         "formats": [*MDF, *MAT73, *CAN, *PARQUET],
+        "frames": ["pandas>=2.1"],  # DataFrames in and out of import ces
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "serve": ["flask>=3.0"],  # ces serve
-        "notebook": ["notebook>=7", "ipykernel>=6.25", "matplotlib>=3.6"],  # examples/own_data.ipynb
+        "notebook": ["notebook>=7", "ipykernel>=6.25", "matplotlib>=3.6", "pandas>=2.1"],  # examples/own_data.ipynb
         "docs": ["mkdocs-material>=9.5", "ruff>=0.6"],  # make docs
         "dev": [
             "pytest>=7.4",

@@ -54,7 +54,7 @@ def read_log(
         return _check(_hashed(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))), path))
     proposal = propose_mapping(path, need=need)
     recording = _hashed(proposal.read(), split_damper(path)[0])
-    say("; ".join(proposal.found))
+    say(", ".join(proposal.found))
     for remark in proposal.remarks:
         warnings.warn(f"{path}: {remark}; taken as logged", stacklevel=2)
     return _check(recording)

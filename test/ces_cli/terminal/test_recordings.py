@@ -77,7 +77,7 @@ def test_every_program_takes_a_log_and_says_what_it_took_of_it(tmp_path, monkeyp
         ["characterise", "rig.csv", "--out", "shown"],
     ):
         assert main(words) == 0
-        assert "rig.csv: time from 'time_s' [s]; position from 'stroke_mm' [mm to SI]" in capsys.readouterr().err
+        assert "rig.csv: time from 'time_s' [s], position from 'stroke_mm' [mm to SI]" in capsys.readouterr().err
     assert main(["simulate", "--sim", str(MODEL), "car.csv", "--out", "force.csv"]) == 0
     assert "force from" not in capsys.readouterr().err and len(Path("force.csv").read_text().splitlines()) == len(t) + 1
     assert "car.csv: force: nothing is named like it" in error_line(capsys, "validate", str(MODEL), "car.csv")
