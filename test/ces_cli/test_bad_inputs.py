@@ -81,7 +81,7 @@ identify one --structure anfis --rules 20x4 | makes 80 rules
 validate model.json | no recording given
 validate model.json b.csv | b.csv: position: 'x' has 2 samples
 validate model.json two --part 1:0 | --part
-validate model.json two --weight everything=2 | --weight 'everything=2'
+validate model.json two --weight everything=2 | --weight everything=2: expected zero_crossing
 validate model.json two --report taken | taken: exists; choose another name
 validate model.json two --report new.pdf | a report is an HTML page; expected a name that ends in .html
 validate model.json two --report empty | empty/model_on_two.html: exists; choose another name

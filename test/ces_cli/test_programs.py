@@ -118,8 +118,8 @@ TERMS = (Term(0.9, (Factor("force", 1),)), Term(150.0, (Factor("speed", 0, 1.0),
 TELLS = "warning: servo: the force was held at its envelope (-100 to 120 N) for "
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+@pytest.fixture
+def servo(tmp_path, monkeypatch):
     """Work where `servo` is a bag whose stroke is four times as long after 4 s, with the model `m.json`."""
     monkeypatch.chdir(tmp_path)
     t = np.arange(8000) / 1000.0
@@ -139,6 +139,7 @@ def warning_of(capsys):
     return float(share)
 
 
+@pytest.mark.usefixtures("servo")
 def test_simulate_writes_every_force_and_says_how_long_it_was_held(capsys):
     assert ces("simulate", "--sim", "m.json", "servo", "--out", "f.csv") == 0
     share = warning_of(capsys)
@@ -153,6 +154,7 @@ def test_simulate_writes_every_force_and_says_how_long_it_was_held(capsys):
     assert warning_of(capsys) == share
 
 
+@pytest.mark.usefixtures("servo")
 def test_validate_counts_the_held_ticks_in_j_and_in_the_table(capsys):
     assert ces("validate", "m.json", "servo") == 0
     out, err = capsys.readouterr()

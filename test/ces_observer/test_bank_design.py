@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_are
 
-from ces_observer import kalman
+from ces_observer import bank_design as kalman
 from ces_observer.bank_design import free_motion, join, smoothing_gains, speed_predictor, stationary
 
 ANGLES = (2e-3, 0.02, 0.3, 2.5)  # 0.3 Hz at 1 kHz to near half the rate

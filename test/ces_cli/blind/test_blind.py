@@ -170,7 +170,7 @@ def test_the_diagnosis_itself(cases: Path, tmp_path: Path, capsys: pytest.Captur
     (blind / "cases" / "seal.sha256").write_text("another")
     assert "identified_1: holds results of other cases; choose another folder" in error_line(capsys, *words)
     printed = text_of(capsys, "blind", "score", cases, results)
-    assert f"1 of {CASES} sealed cases" in printed and "| identified_1 | 1 |" in printed
+    assert f"1 of {CASES} sealed cases" in printed and "|identified_1|1|" in printed
 
 
 def test_results_of_other_cases_are_refused(cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

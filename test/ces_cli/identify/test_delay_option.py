@@ -104,7 +104,7 @@ def test_validate_and_compare_name_the_delay(folder: Path, tmp_path: Path, capsy
     compared = document_of(capsys, "compare", *files)
     assert [(m["name"], m["delay_s"]) for m in compared["models"]] == [("now", 0.0), ("late", 0.003)]
     assert ces("compare", *files, "--report", tmp_path / "c.html") == 0
-    assert "Delay<br />[ms]" in (tmp_path / "c.html").read_text(encoding="utf-8")
+    assert "Delay [ms]" in (tmp_path / "c.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def bags(tmp_path_factory):
 def test_identify_refuses_a_wrong_model_and_force_goes_on(bags, tmp_path, capsys):
     words = [str(bags / "reversed"), "--out", str(tmp_path / "model.json"), *SEARCH]
     with pytest.raises(
-        CesError, match=r"reversed: force: acts with the motion .* --ignore-findings identifies all the same"
+        CesError, match=r"reversed: force: acts with the motion .* ignore_findings=True identifies all the same"
     ):
         program.main(words)
     assert program.main([*words, "--ignore-findings"]) == 0
