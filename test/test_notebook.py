@@ -31,9 +31,8 @@ def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> N
     patience = {"timeout": int(PATIENCE_S), "startup_timeout": int(PATIENCE_S)}
     NotebookClient(notebook, **patience, resources={"metadata": {"path": str(tmp_path)}}).execute()
     text = "\n".join(output_of(cell) for cell in notebook.cells if cell.cell_type == "code")
-    shown = "\n".join(
-        str(o.get("data", {}).get("text/plain", "")) for c in notebook.cells for o in c.get("outputs", [])
-    )
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    shown = "\n".join(str(output.get("data", {}).get("text/plain", "")) for output in outputs)
     assert "proved stable" in shown and "Standard error" in shown and "friction" in text
     cost = float(next(line.split() for line in shown.splitlines() if line.startswith("DataFrame  test"))[4])
     assert cost < 15.0
