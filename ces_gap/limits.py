@@ -70,6 +70,7 @@ class TwinLimits:
 
     SLOW_S = 0.025  # [s] of processor time: a simulation that is slower over all real recordings is replaced
     SLOW_CLOCK_S = 0.25  # [s] of the clock: the same for one that waits, for a file or for another process
+    RUNS = 5  # of which one within the limits shows that it is not slow: four busy programs hold up some, not all
     MAX_COST_J = 20.0  # [%] up to it, effects inside the twin are told apart
     MAX_OWN_COST_J = 3.0  # [%] of a model as its own twin: the observer's speed and ticks differ from the twin's
     MIN_RINGING = 0.2  # of the error's energy: a column of oil is tried (0.45 of a function with one, 0.01 without)

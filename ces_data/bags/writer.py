@@ -124,15 +124,18 @@ def open_bag_writer(
                 yield writer
                 metadata = writer.finish(path.name, notes or {})
             (part / METADATA).write_text(metadata, encoding="utf-8")
-            _move_into_place(part, path)
+            _move_into_place(part, path, overwrite)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
 
 
-def _move_into_place(part: Path, path: Path) -> None:
-    """Rename the finished bag to its name; an older one is moved aside first and restored if that fails."""
+def _move_into_place(part: Path, path: Path, overwrite: bool) -> None:
+    """Rename the finished bag to its name; one to overwrite is moved aside first and restored if that fails.
+
+    Raises OSError if another program has written a bag there meanwhile, and it is not to be overwritten.
+    """
     aside = part.with_name(f"{path.name}.old")
-    if path.exists():
+    if overwrite and path.exists():
         path.rename(aside)
     try:
         part.rename(path)

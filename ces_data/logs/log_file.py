@@ -173,6 +173,8 @@ def open_log(path: Path, mapping: DynoMapping, progress: Progress = lambda share
     refuse_bag(path)
     if not path.exists():
         raise RecordingError(f"{path}: cannot be read: No such file or directory")
+    if not path.is_file():
+        raise RecordingError(f"{path}: is no regular file; expected a log on disk")
     kind = mapping.format or find_format(path)
     if kind:
         return open_format(kind, path, mapping, progress)

@@ -151,7 +151,7 @@ def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
 
 def runs_slowly(simulation: DirectSimulator, traces: Sequence[Trace]) -> bool:
     """Return whether a simulation takes too long for a search."""
-    for _ in range(2):  # what compiles first, or is held up once, is not slow
+    for _ in range(TwinLimits.RUNS):  # what compiles first, or is held up by other work, is not slow
         processor, clock = time.process_time(), clock_s()
         for trace in traces:
             simulation.force(trace, trace.inputs)

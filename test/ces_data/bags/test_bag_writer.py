@@ -109,6 +109,17 @@ def test_existing_bag_is_overwritten_only_on_request(tmp_path):
     assert (tmp_path / "home" / "letter").read_text() == "dear"
 
 
+def test_of_two_bags_written_at_once_the_first_stays_and_the_second_is_told(tmp_path):
+    topics = recording_topics(recording_of(), DEFAULT)
+    with (
+        pytest.raises(RecordingError, match="run: cannot be written: Directory not empty"),
+        writer.open_bag_writer(tmp_path / "run") as second,
+    ):
+        write_bag(tmp_path / "run", topics[:1])
+        second.write(topics)
+    assert len(list_topics(tmp_path / "run")) == 1
+
+
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_interrupted_write_leaves_nothing_half_written(tmp_path, monkeypatch, overwrite):
     topics = recording_topics(recording_of(), DEFAULT)

@@ -1,6 +1,7 @@
 """What every log that cannot be opened says: one line, and what to do."""
 
 import json
+import os
 import re
 import sys
 from pathlib import Path
@@ -16,7 +17,7 @@ from ces_data.logs import parquet
 from ces_data.logs.log_file import find_format, open_log
 from ces_data.logs.log_import import import_log, read_blocks
 from ces_data.logs.log_mapping import DynoMapping, parse_dyno_mapping
-from ces_data.mapping.proposals import propose_signals
+from ces_data.mapping.proposals import propose_mapping, propose_signals
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError, RecordingError
@@ -44,6 +45,12 @@ def test_a_missing_library_is_one_line_with_the_extra(tmp_path, monkeypatch, nam
         open_log(path, DynoMapping("map.yaml", {}))
     suffix = path.suffix
     assert str(caught.value) == f"{path}: reading {suffix} needs {package}: pip install 'ces_observer[{extra}]'"
+
+
+def test_a_pipe_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "x.csv")
+    with pytest.raises(RecordingError, match="x.csv: is no regular file; expected a log on disk"):
+        propose_mapping(tmp_path / "x.csv")
 
 
 def test_what_is_not_there_and_a_folder(tmp_path):
