@@ -49,7 +49,7 @@ def test_a_missing_library_is_one_line_with_the_extra(tmp_path, monkeypatch, nam
 
 def test_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "x.csv")
-    with pytest.raises(RecordingError, match="x.csv: is no regular file; expected a log on disk"):
+    with pytest.raises(RecordingError, match="is no regular file; expected a log on disk"):
         propose_mapping(tmp_path / "x.csv")
 
 
