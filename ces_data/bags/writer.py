@@ -130,10 +130,7 @@ def open_bag_writer(
 
 
 def _move_into_place(part: Path, path: Path, overwrite: bool) -> None:
-    """Rename the finished bag to its name; one to overwrite is moved aside first and restored if that fails.
-
-    Raises OSError if another program has written a bag there meanwhile, and it is not to be overwritten.
-    """
+    """Rename the finished bag to its name; one to overwrite is moved aside first and restored if that fails."""
     aside = part.with_name(f"{path.name}.old")
     if overwrite and path.exists():
         path.rename(aside)
