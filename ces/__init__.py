@@ -77,24 +77,13 @@ def identify(
     looks wrong. Raises CesError if the recordings hold too little, have seconds in common, or would make a wrong model
     (sign, units, delays), unless `ignore_findings`.
     """
-    from ces_data.checks.check import check_together, require_sound
-    from ces_data.checks.content import require_distinct
     from ces_data.reading import as_recordings
-    from ces_identify.identification import identify as identify_recordings
     from ces_identify.options import IdentifyRequest
     from ces_identify.scripting.model import Model
 
     request = IdentifyRequest.of({"structure": structure, "ignore_findings": ignore_findings, **options})
-    how, fitter = request.options(), request.fitter()
-    given = as_recordings(recordings, signals)
-    held_out = as_recordings(validation, signals, required=False)
-    require_distinct(given, held_out)
-    findings = check_together([*given, *held_out])
-    require_sound(findings, ignore_findings)
-    for finding in findings:
-        warnings.warn(finding.text, stacklevel=2)
-    result = identify_recordings(given, held_out, how, fitter=fitter).require_explained(findings, ignore_findings)
-    return Model.of_result(result)
+    given, held_out = as_recordings(recordings, signals), as_recordings(validation, signals, required=False)
+    return Model.identify(request, given, held_out)
 
 
 def validate(model: ModelInput, recordings: RecordingInputs) -> Sequence[Evaluation]:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ces_data.arrays import F
+from ces_data.logs.frame import is_frame
 from ces_data.reading import SIGNALS, as_recordings
 from ces_data.recording import Recording as Logged
-from ces_identify.identification import identify
 from ces_identify.options import IdentifyRequest
 from ces_identify.scripting.model import Model
 from ces_identify.scripting.recording import Recording
@@ -48,8 +48,8 @@ COLUMNS = ("time_s", "position_m", "current_A")
 class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """Identifies a model: `fit`, then `predict` its forces, `score` them.
 
-    Options are those of `ces identify`. X is a list of recordings, which hold the measured force, or an array or
-    DataFrame (n, 3) of times [s], positions [m] and currents [A], with forces y (n,) [N]. After a fit, `model_` is the
+    Options are those of `ces identify`. X is a list of recordings, which hold the measured force, or, with forces y
+    (n,) [N], a DataFrame or an array (n, 3) of times [s], positions [m] and currents [A]. After a fit, `model_` is the
     `Model`.
 
         cross_val_score(DamperModel(terms=12), recordings, cv=3)
@@ -70,10 +70,9 @@ class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def fit(self, X: Any, y: ArrayLike | None = None) -> Self:
-        """Identify the model on all of the recordings. Raises CesError if they hold too little."""
+        """Identify the model on all of the recordings. Raises CesError if they hold too little, or what is wrong."""
         request = IdentifyRequest.of({"split": 1.0, "structure": self.structure, **self.options})
-        found = identify(_as_recordings(X, y), (), request.options(), fitter=request.fitter())
-        self.model_ = Model.of_result(found)
+        self.model_ = Model.identify(request, _as_recordings(X, y), ())
         self.n_features_in_ = len(COLUMNS)
         return self
 
@@ -103,13 +102,17 @@ class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
 def _is_list(X: Any) -> bool:
     """Return whether X is a list of recordings, or one of them, and no array of rows."""
-    return isinstance(X, Logged | str) or (isinstance(X, Sequence) and not np.isscalar(X[0]) and np.ndim(X[0]) != 1)
+    return isinstance(X, Logged | str) or (
+        isinstance(X, Sequence) and len(X) > 0 and not np.isscalar(X[0]) and np.ndim(X[0]) != 1
+    )
 
 
 def _as_recordings(X: Any, y: ArrayLike | None = None, needs_force: bool = True) -> Sequence[Logged]:
     """Return the recordings in X, or the one in its rows with the forces y. Raises CesError."""
     if _is_list(X):
         return as_recordings(X, need=SIGNALS if needs_force else SIGNALS[:2])
+    if is_frame(X):
+        return as_recordings(X if y is None else X.assign(force_N=y), need=SIGNALS if needs_force else SIGNALS[:2])
     if hasattr(X, "toarray"):
         raise DataError("X is sparse; expected an array (n, 3), or a list of recordings")
     rows, forces = np.asarray(X, dtype=np.float64), None if y is None else np.asarray(y, dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
@@ -14,10 +15,13 @@ from numpy.typing import ArrayLike
 
 from ces_data import recording
 from ces_data.arrays import F
+from ces_data.checks.check import check_together, require_sound
+from ces_data.checks.content import require_distinct
 from ces_data.frames import import_pandas
 from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs, as_path, as_recordings
-from ces_identify.identification import IdentificationResult
+from ces_identify.identification import identify
 from ces_identify.numerics.search import SearchResult
+from ces_identify.options import IdentifyRequest
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.report.page import write_report
 from ces_identify.report.steady import steady_forces
@@ -66,10 +70,21 @@ class Model(model.Model):
         return cls(**{f.name: getattr(given, f.name) for f in fields(model.Model)})
 
     @classmethod
-    def of_result(cls, result: IdentificationResult) -> Self:
-        """Return the model that was identified, with its evaluations."""
-        found = cls.of(result.model)
-        return replace(found, evaluations=result.evaluations, search_results=result.search_results)
+    def identify(
+        cls, request: IdentifyRequest, given: Sequence[recording.Recording], held_out: Sequence[recording.Recording]
+    ) -> Self:
+        """Return the model that is asked for, identified on recordings that would make no wrong one.
+
+        Warns of what looks wrong; raises CesError for what is, unless the request ignores it.
+        """
+        how, fitter, ignored = request.options(), request.fitter(), request.ignore_findings
+        require_distinct(given, held_out)
+        findings = check_together([*given, *held_out])
+        require_sound(findings, ignored)
+        for finding in findings:
+            warnings.warn(finding.text, stacklevel=3)
+        result = identify(given, held_out, how, fitter=fitter).require_explained(findings, ignored)
+        return replace(cls.of(result.model), evaluations=result.evaluations, search_results=result.search_results)
 
     def simulate(
         self, given: RecordingInput | ArrayLike, position_m: ArrayLike | None = None, current_A: ArrayLike = 0.0

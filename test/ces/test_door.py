@@ -145,6 +145,8 @@ def test_scikit_learn_can_search_over_recordings(road):
     assert [len(force) for force in estimator.predict(parts)] == [len(part) for part in parts]
     rows = np.column_stack([T, X, CURRENT])
     assert np.isfinite(estimator.predict(rows)).all() and estimator.score(rows, FORCE) < 1.0
+    with pytest.raises(ces.CesError, match="acts with the motion"):
+        estimator.fit(np.column_stack([T, X, CURRENT]), -FORCE)
     selection = pytest.importorskip("sklearn.model_selection")
     search = selection.GridSearchCV(ces.DamperModel("polynomial", **QUICK), {"terms": [2, 3]}, cv=2).fit(parts)
     assert search.best_params_["terms"] in (2, 3) and search.best_score_ > 0.7
