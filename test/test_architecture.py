@@ -68,9 +68,9 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 141.8,
-    "ces_data": 96.4,
+    "ces_data": 96.3,
     "ces_report": 12.8,
-    "ces_identify": 174.6,
+    "ces_identify": 174.7,
     "ces_rig": 71.9,
     "ces_gap": 127.8,
     "ces_cli": 70.1,
