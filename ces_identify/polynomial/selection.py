@@ -129,9 +129,12 @@ class GaussNewtonSearch(TermSearch):
                 return
 
     def _first_model(self) -> SearchResult:
-        """Return the model of a past force alone; candidates are then compared behind a first-order lag."""
-        terms = self.problem.candidates
-        alone = [i for i, term in enumerate(terms) if term.output_lag == 1 and not term.inputs]
+        """Return the model of a past force alone; candidates are then compared behind a first-order lag.
+
+        Without it if there may be one term only, which must follow the inputs.
+        """
+        terms, is_possible = self.problem.candidates, self.limits.term_limit > 1
+        alone = [i for i, term in enumerate(terms) if is_possible and term.output_lag == 1 and not term.inputs]
         pole = POLES[(self.start.seed - self.limits.seed) % len(POLES)]
         return self._result(np.array(alone[:1], np.int64), np.full(len(alone[:1]), pole), np.inf)
 
