@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 127.8,
     "ces_cli": 70.1,
     "bench": 71.4,
-    "test": 460.5,
+    "test": 460.6,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

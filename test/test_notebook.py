@@ -11,6 +11,7 @@ from patience import PATIENCE_S
 NotebookClient = pytest.importorskip("nbclient").NotebookClient
 nbformat = pytest.importorskip("nbformat")
 pytest.importorskip("ipykernel")
+pytest.importorskip("pandas")
 NOTEBOOK = Path(__file__).resolve().parent.parent / "examples" / "own_data.ipynb"
 
 

@@ -95,6 +95,7 @@ def test_a_prediction_uses_the_measured_force_and_many_steps_are_a_simulation(mo
 
 
 def test_standard_errors_cover_the_truth():
+    pytest.importorskip("pandas")
     dice, t = np.random.default_rng(3), np.arange(0.0, 30.0, 0.004)
     x = sum(0.004 * np.sin(2 * np.pi * hz * t + hz) for hz in (0.6, 1.7, 3.1, 5.3))
     noisy = [2000.0 * np.gradient(x, t) + dice.normal(0.0, 40.0, len(t)) for _ in range(2)]
