@@ -51,9 +51,9 @@ def read_log(
     """
     path = as_path(path, "log")
     if mapping is not None:
-        return _check(_hashed(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))), path))
+        return _check(_with_hash(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))), path))
     proposal = propose_mapping(path, need=need)
-    recording = _hashed(proposal.read(), split_damper(path)[0])
+    recording = _with_hash(proposal.read(), split_damper(path)[0])
     say(", ".join(proposal.found))
     for remark in proposal.remarks:
         warnings.warn(f"{path}: {remark}; taken as logged", stacklevel=2)
@@ -97,7 +97,7 @@ def kind_of(given: object) -> str:
     return "None" if given is None else f"a value of type {type(given).__name__}"
 
 
-def _hashed(recording: Recording, path: Path) -> Recording:
+def _with_hash(recording: Recording, path: Path) -> Recording:
     """Return a recording with the hash of its file, by which it is known again."""
     with path.open("rb") as file:
         return replace(recording, sha256=hashlib.file_digest(file, "sha256").hexdigest())

@@ -21,7 +21,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from ces_data.arrays import F, Mask
 from ces_data.checks.content import marks_of_copies, require_distinct
@@ -39,14 +38,13 @@ from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.training import build_training
 from ces_identify.validation.band import fit_band, masks_by_recording, masks_by_stretch
-from ces_identify.validation.cost_table import RULE, cost_table, usage
+from ces_identify.validation.cost_table import RULE, usage
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
     VALIDATION,
     CostInterval,
     Evaluation,
     cost_interval,
-    describe_size,
     evaluate,
     pooled_cost,
 )
@@ -60,7 +58,7 @@ THINNED = "identified_on"  # key of the provenance
 COSTS = "cost_J_percent"  # key of the provenance
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class IdentificationResult:
     """A model, its evaluations (identification first) and the results of all starts, best first."""
 
@@ -72,18 +70,6 @@ class IdentificationResult:
     def starts(self) -> int:
         """Number of starts that gave a model; a start may have several results."""
         return len({result.seed for result in self.search_results})
-
-    def __repr__(self) -> str:
-        return f"{self._describe()}\n{cost_table(self.evaluations)}"
-
-    def _repr_html_(self) -> str:
-        return str(Markup("<p>{}</p>{}").format(self._describe(), cost_table(self.evaluations).to_html()))
-
-    def _describe(self) -> str:
-        """Return what the model is in a line."""
-        model = self.model
-        proof = "stability not proved" if model.certificate is None else "proved stable"
-        return f"{model.structure}: {describe_size(model)} at {model.sampling.rate_Hz:g} Hz, {proof}; costs J:"
 
     def require_explained(
         self, findings: Sequence[Finding] = (), ignore_findings: bool = False

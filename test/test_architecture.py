@@ -70,7 +70,7 @@ MAX_PACKAGE = {
     "ces_observer": 141.8,
     "ces_data": 96.3,
     "ces_report": 12.8,
-    "ces_identify": 174.8,
+    "ces_identify": 174.6,
     "ces_rig": 71.9,
     "ces_gap": 127.8,
     "ces_cli": 70.1,

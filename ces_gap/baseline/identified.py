@@ -100,7 +100,7 @@ def identify_baseline(
     `augmented.json` names its file. Raises GapError without references, CesError if they hold too little.
 
         baseline = identify_baseline([new]).save("gap/model.json")
-        write_diagnosis(diagnose(baseline, [worn], reference=[new]), "gap")
+        ces.diagnose(baseline, [worn], reference=[new], out="gap")
     """
     references = as_recordings(reference, required=False)
     if not references:

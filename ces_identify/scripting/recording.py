@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from ces_data import recording
@@ -133,7 +134,7 @@ class Recording(recording.Recording):
         return f"{self._describe()}\n{self._table()}"
 
     def _repr_html_(self) -> str:
-        return f"<p>{self._describe()}</p>{self._table().to_html()}"
+        return str(Markup("<p>{}</p>{}").format(self._describe(), self._table().to_html()))
 
     def _describe(self) -> str:
         constants = "".join(f", {name} {value:g}" for name, value in self.constants.items())
