@@ -165,13 +165,15 @@ def diagnose(
     from ces_gap.inputs.checks import check_recordings
     from ces_gap.progress import ignore_progress
     from ces_gap.result_files import result_files
+    from ces_identify.numerics.least_squares import one_blas_thread
 
     how = _diagnose_options(options)
     subject, name = _open(simulation)
     recordings = as_recordings(real)
     kept, references = (as_recordings(some, required=False) for some in (held_out, reference))
     notes = check_recordings(recordings, kept, references)
-    result = pipeline.diagnose(subject, name, recordings, kept, references, how, progress or ignore_progress)
+    with one_blas_thread():
+        result = pipeline.diagnose(subject, name, recordings, kept, references, how, progress or ignore_progress)
     result = replace(result, notes=(*notes, *result.notes))
     if out is not None:
         roles = (("real", recordings), ("held_out", kept), ("reference", references))
@@ -199,13 +201,15 @@ def calibrate(
     from ces_gap.inputs.checks import check_recordings
     from ces_gap.progress import ignore_progress
     from ces_gap.report.calibration import calibration_files
+    from ces_identify.numerics.least_squares import one_blas_thread
 
     subject, name = _open(simulation)
     recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
     for note in check_recordings(recordings, kept, []):
         warnings.warn(note, stacklevel=2)
     names = [fit] if isinstance(fit, str) else fit
-    result = calibrate_simulation(subject, name, recordings, kept, names, progress or ignore_progress)
+    with one_blas_thread():
+        result = calibrate_simulation(subject, name, recordings, kept, names, progress or ignore_progress)
     if out is not None:
         used = {"real": recordings, "held_out": kept}
         _write(out, lambda folder: calibration_files(result, name_simulation(name, folder), used, {}))

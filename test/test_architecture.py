@@ -70,12 +70,12 @@ MAX_PACKAGE = {
     "ces_observer": 141.8,
     "ces_data": 96.3,
     "ces_report": 12.8,
-    "ces_identify": 174.6,
+    "ces_identify": 174.7,
     "ces_rig": 71.9,
     "ces_gap": 127.8,
     "ces_cli": 70.1,
     "bench": 71.4,
-    "test": 460.6,
+    "test": 460.7,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
