@@ -104,12 +104,11 @@ def compare(
     models: Mapping[str, SimulationInput],
     recordings: RecordingInputs,
     *,
-    part: tuple[float, float] = (0.0, 1.0),
     report: PathInput | None = None,
 ) -> Comparison:
     """Compare models or other simulations, by name, on the same recordings; write the page to `report`, if given.
 
-    Only the `part` (shares from 0 to 1) of each recording is scored. The result's `pairs` say of every two whether
+    The result's `pairs` say of every two whether
     their costs differ by more than chance, its `notes()` which costs are no test. Raises CesError for fewer than two.
     """
     from ces_data.reading import as_path, as_recordings
@@ -118,7 +117,7 @@ def compare(
     from ces_identify.comparison.comparison_report import write_comparison
 
     named = [make_compared_model(name, simulation) for name, simulation in _open_named("models", models).items()]
-    result = compare_models(named, as_recordings(recordings), part)
+    result = compare_models(named, as_recordings(recordings))
     if report is not None:
         write_comparison(as_path(report, "report"), result, "")
     return result

@@ -40,7 +40,7 @@ class CompareRequest(ProgramRequest):
 
     words: tuple[str, ...] = argument((), WORDS, metavar="SIM|BAG", count="+")
     signals: Path | None = declare(SIGNALS)
-    part: tuple[float, float] = declare(PART)
+    part: tuple[float, ...] = declare(PART)
     report: Path | None = declare(REPORT)
     json: bool = declare(JSON)
     overwrite: bool = declare(OVERWRITE)
@@ -61,11 +61,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not bags:
         raise CesError(f"no recording given; {USAGE}")
     signals = load_signals(request.signals)
-    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(bags)}
+    recordings = {path: terminal.read_one(path, signals, terminal.FORCE, request.part) for path in find_bags(bags)}
     findings = print_findings(list(recordings.values()))
     models = [read_predictions(model, recordings, signals) for model in models]
-    with terminal.err.status("comparing") as status:
-        comparison = compare(models, list(recordings.values()), request.part, announce=status.update)
+    with terminal.step("comparing") as say:
+        comparison = compare(models, list(recordings.values()), announce=say)
     if report is not None:
         comparison_report.write_comparison(report, comparison, terminal.command_line("compare", argv))
         for note in comparison.notes_on_charts():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,8 @@ from ces_observer.errors import RecordingError
 
 Stamps = NDArray[np.int64]
 Values = NDArray[np.float64]
+MAX_S = 1e9  # [s] longer than any recording
+MIN_SAMPLES = 2  # of a position, to be a motion
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,35 @@ class Recording:
             raise RecordingError(f"{self.name}: no '{signal}' channel; it has {', '.join(self.channels) or 'none'}")
         return self.channels[signal]
 
-    def part(self, first: float, last: float) -> Recording:
+    @property
+    def duration_s(self) -> float:
+        """Time [s] from the first to the last position sample."""
+        stamps = self.channels["position"].stamps_ns if "position" in self.channels else ()
+        return float(np.ptp(stamps)) * 1e-9 if len(stamps) else 0.0
+
+    def part(self, from_s: float = 0.0, to_s: float = inf) -> Self:
+        """Return the samples from `from_s` up to `to_s` after the first position sample. Raises RecordingError."""
+        if not all(isinstance(end, int | float) for end in (from_s, to_s)) or not 0.0 <= from_s < to_s:
+            raise RecordingError(f"{self.name}: no part from {from_s} s to {to_s} s; expected 0 <= from < to")
+        if from_s > self.duration_s:
+            raise RecordingError(
+                f"{self.name}: no part from {from_s:g} s to {to_s:g} s; it has {self.duration_s:.3f} s"
+            )
+        if from_s == 0.0 and to_s > self.duration_s:
+            return self
+        begin, span = int(self.channel("position").stamps_ns.min()), f"{from_s:g}-{min(to_s, self.duration_s):.3g} s"
+        taken = self.between(begin + _to_ns(from_s), begin + _to_ns(to_s))
+        if (count := len(taken.channels["position"])) < MIN_SAMPLES:
+            holds = f"holds {count} position samples; expected at least {MIN_SAMPLES}"
+            raise RecordingError(f"{self.name}: the part from {from_s:g} s to {to_s:g} s {holds}")
+        return replace(taken, name=f"{self.name} {span}", sha256="")
+
+    def between(self, start_ns: int, stop_ns: int) -> Self:
+        """Return the samples with stamps from `start_ns` up to `stop_ns`."""
+        inside = {name: (c.stamps_ns >= start_ns) & (c.stamps_ns < stop_ns) for name, c in self.channels.items()}
+        return replace(self, channels={name: c.select(inside[name]) for name, c in self.channels.items()})
+
+    def share(self, first: float, last: float) -> Self:
         """Return the recording from the share `first` to the share `last` of the position samples."""
         if first <= 0.0 and last >= 1.0:
             return self
@@ -105,3 +137,8 @@ class Recording:
             for name, c in self.channels.items()
         }
         return replace(self, channels=channels)
+
+
+def _to_ns(time_s: float) -> int:
+    """Return seconds after the start of a recording as whole nanoseconds."""
+    return round(1e9 * min(time_s, MAX_S))

@@ -275,7 +275,7 @@ class BlockChecks:
             block = replace(block, channels={name: c for name, c in block.channels.items() if len(c)})
         faults, is_first = list(findings(block)), self.blocks == 0
         if is_first or "position" in block.channels:
-            faults += check_recording(block if is_first else block.part(0.0, SHARE))
+            faults += check_recording(block if is_first else block.share(0.0, SHARE))
         stamps = [int(c.stamps_ns[at]) for c in block.channels.values() if len(c) for at in (0, -1)]
         ends = [(f(stamps, default=0) - min(self._ends_ns, default=0)) / SECOND for f in (min, max)]
         self._found += [(finding, f"from {ends[0]:.3f} s to {ends[1]:.3f} s") for finding in faults]

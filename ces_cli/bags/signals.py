@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     request = make_parser().read(argv)
     require_outputs(request.overwrite, {OUT: request.out})
     paths = find_bags(request.bags)
-    with terminal.err.status("reading all topics"):
+    with terminal.step("reading all topics"):
         proposal = propose_signals(paths)
     text = schema_line("signals") + proposal.text
     if request.out:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -12,6 +12,7 @@ from ces_cli.terminal.options import (
     JOBS,
     JSON,
     OVERWRITE,
+    PART,
     REPORT,
     SIGNALS,
     Argument,
@@ -30,6 +31,7 @@ VALIDATE = Option(
 )
 OUT = Option("out", Path("model.json"), "model file to write; its folder must exist", metavar="FILE")
 OF_THE_PROGRAM = (
+    replace(PART, group="data"),
     JSON,
     Option(
         "show_candidates",
@@ -77,6 +79,7 @@ class IdentifyProgramRequest(ProgramRequest):
     report: Path | None = None
     overwrite: bool = False
     teacher: str | None = None
+    part: tuple[float, ...] = ()
     json: bool = False
     show_candidates: bool = False
     folds: int = 0

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import ces
+from ces_data.samples import without_spikes
 from ces_observer.estimator import Estimator
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -118,6 +119,7 @@ def test_steady_forces_follow_speed_and_current(model):
 def test_a_recording_is_cut_resampled_shown_and_written(road, tmp_path):
     part = road.part(2.0, 5.0)
     assert len(part) == 3000 and part.duration_s == pytest.approx(3.0, abs=0.01) and "2-5 s" in repr(part)
+    assert without_spikes(part, split=0.75).duration_s == part.duration_s
     even = part.resample(250.0)
     assert len(even) == pytest.approx(750, abs=2) and set(even.channels) == {"position", "current", "force"}
     part.save(tmp_path / "bag")
@@ -192,8 +194,8 @@ MISTAKES = {
     ),
     "threads": (lambda m, r: ces.diagnose(m, r, threads="two"), "threads is 'two'; expected a whole number"),
     "a parameter": (lambda m, r: ces.calibrate(lambda t, x, i, *, c=2.0: c * x, r, fit="z"), "has no such parameter"),
-    "a part": (lambda m, r: r.part(5, 2), "expected 0 <= from_s < to_s"),
-    "a part beyond": (lambda m, r: r.part(500), "road has 21.999 s"),
+    "a part": (lambda m, r: r.part(5, 2), "expected 0 <= from < to"),
+    "a part beyond": (lambda m, r: r.part(500), "no part from 500 s to inf s; it has 21.999 s"),
     "a rate": (lambda m, r: r.resample(0), "expected a rate above 0"),
     "a column": (lambda m, r: ces.Recording.from_frame(columns(), columns={"position": "z"}), "no column 'z'"),
     "columns": (lambda m, r: ces.Recording.from_frame(columns(), columns="x"), "columns: expected columns by signal"),
