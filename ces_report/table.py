@@ -124,7 +124,7 @@ class Section:
 
     ident: str
     title: str
-    table: Table[Any]
+    table: Table[Any] | None = None
     note: str = ""
     equation: Markup = Markup("")
     symbols: Symbols = ()
