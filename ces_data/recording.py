@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ces_observer.errors import RecordingError
+
+CALENDAR_NS = 1_009_843_200_000_000_000  # 2002-01-01 UTC: what counts from zero begins before it, or at 10**18
 
 Stamps = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -94,6 +97,12 @@ class Recording:
             raise RecordingError(f"{self.name}: no '{signal}' channel; it has {', '.join(self.channels) or 'none'}")
         return self.channels[signal]
 
+    @property
+    def day(self) -> str:
+        """The day (UTC) of the first sample, such as 2026-05-03; '' if the clock knew no calendar."""
+        first_ns = min((int(c.stamps_ns.min()) for c in self.channels.values() if len(c)), default=0)
+        return f"{datetime.fromtimestamp(1e-9 * first_ns, UTC):%Y-%m-%d}" if first_ns >= CALENDAR_NS else ""
+
     def part(self, first: float, last: float) -> Recording:
         """Return the recording from the share `first` to the share `last` of the position samples."""
         if first <= 0.0 and last >= 1.0:
@@ -105,3 +114,14 @@ class Recording:
             for name, c in self.channels.items()
         }
         return replace(self, channels=channels)
+
+
+def describe_days(recordings: Iterable[Recording]) -> str:
+    """Return the days on which recordings were made, from the first to the last; '' if no clock knew them."""
+    return join_days(recording.day for recording in recordings)
+
+
+def join_days(days: Iterable[str]) -> str:
+    """Return the first and the last of some days, `2026-05-03 to 2026-05-07`."""
+    known = sorted({*days} - {""})
+    return " to ".join(dict.fromkeys((known[0], known[-1]))) if known else ""

@@ -11,9 +11,11 @@ from ces_cli.terminal.options import (
     BAGS_FORM,
     JOBS,
     JSON,
+    NOTE,
     OVERWRITE,
     REPORT,
     SIGNALS,
+    TITLE,
     Argument,
     ProgramRequest,
     Values,
@@ -30,6 +32,8 @@ VALIDATE = Option(
 )
 OUT = Option("out", Path("model.json"), "model file to write; its folder must exist", metavar="FILE")
 OF_THE_PROGRAM = (
+    TITLE,
+    NOTE,
     JSON,
     Option(
         "show_candidates",
@@ -77,6 +81,8 @@ class IdentifyProgramRequest(ProgramRequest):
     report: Path | None = None
     overwrite: bool = False
     teacher: str | None = None
+    title: str = ""
+    note: str = ""
     json: bool = False
     show_candidates: bool = False
     folds: int = 0

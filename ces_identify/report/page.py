@@ -44,7 +44,7 @@ from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
 from ces_report.plot import draw_section, share_points
-from ces_report.shell import format_key, page_template, replace_unencodable
+from ces_report.shell import PageHead, format_key, page_template, replace_unencodable
 from ces_report.table import text_table
 from ces_report.typesetting import join_names, minus, three_figures
 
@@ -63,15 +63,15 @@ NO_CERTIFICATE = (
 
 def write_report(
     path: Path,
-    title: str,
+    head: PageHead,
     model: Model,
     evaluations: Sequence[Evaluation],
-    facts: Mapping[str, str],
+    facts: Mapping[str, str] | None = None,
     weighting: Weighting = EQUAL,
 ) -> None:
     """Write the page about `model` and its `evaluations`, HTML that is also well-formed XML, to `path`.
 
-    `facts` appear under the title: date, command, noise floor and the like. A `weighting` adds the weighted J of each
+    `facts` are shown with the provenance. A `weighting` adds the weighted J of each
     recording. Raises CesError if `path` cannot be written; an existing file then stays unchanged.
     """
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
@@ -80,16 +80,15 @@ def write_report(
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     selection = model.provenance.get("selection", {})
     structures = selection.get("structures") or {}
-    command = next((text for name, text in facts.items() if name.lower() == "command"), "")
     kind = model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
     page = page_template("report.html.j2", "ces_identify.report").render(
-        title=title,
+        head=head,
         subject=_describe_recordings(ordered),
         lacks=[NEGATIVE.sub("\N{MINUS SIGN}", line) for line in head_lines(model, ordered)],
-        answers=summarize_model(model, ordered, _format_headline(ordered, held_out, model), command),
+        answers=summarize_model(model, ordered, _format_headline(ordered, held_out, model), head.command),
         picture=_draw_first(ordered),
         warnings=_format_warnings(ordered),
-        facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **facts},
+        facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **(facts or {})},
         model=model,
         costs=cost_table(
             ordered,
