@@ -39,6 +39,7 @@ from ces_report.typesetting import Chart, ChartCurve, four_figures, minus
 
 METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pull and bypass by the selection data"
 CURVES = 5
+DAMPER = "damper"  # the section of a page
 BLOCK_S = 1.0
 
 
@@ -158,7 +159,7 @@ def physical_table(body: Hydraulic, model: Model, runs: Sequence[SimulatedSeries
     rows = (_row(name, value, errors.get("quantities", {}).get(name, 0.0)) for name, value in values.items())
     table = text_table(("Quantity", "Value", "Standard error", "95\N{NO-BREAK SPACE}% interval"), rows)
     charts = (_steady_chart(body, model, errors), _setting_chart(body, errors), _valve_chart(body))
-    return Section("damper", "The damper", table, ABOUT if errors else NO_ERRORS, charts=charts)
+    return Section(DAMPER, "The damper", table, ABOUT if errors else NO_ERRORS, charts=charts)
 
 
 def _row(name: str, value: float, error: float) -> tuple[str, ...]:
