@@ -57,13 +57,8 @@ def read_log(
     recording = _with_hash(proposal.read(), split_damper(path)[0])
     say(", ".join(proposal.found))
     for remark in proposal.remarks:
-<<<<<<< HEAD
-        warnings.warn(f"{path}: {remark}; taken as logged", stacklevel=2)
-    return _check(take(recording))
-=======
         warnings.warn(f"{path}: {remark}", stacklevel=2)
-    return _check(recording)
->>>>>>> 3a7964439ab62c7b213eeb6b22f0e2413ab4dd94
+    return _check(take(recording))
 
 
 def as_recordings(
