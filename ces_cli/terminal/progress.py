@@ -159,7 +159,9 @@ class SearchProgress(LiveBar):
     def _estimate(self, completed: float) -> str:
         """Return how long the rest takes: by the share that is done, or at most what the time limit leaves."""
         left_s = self._limit_s - self.elapsed_s
-        return super()._estimate(completed) or (f"; the search ends in at most {left_s:.0f} s" if 0.0 < left_s < inf else "")
+        return super()._estimate(completed) or (
+            f"; the search ends in at most {left_s:.0f} s" if 0.0 < left_s < inf else ""
+        )
 
 
 class JobsProgress(LiveBar):
