@@ -53,7 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         result = calibrate(simulation, request.sim, real, held_out, request.fit, progress.listen)
     facts = {"Command": terminal.command_line("calibrate", argv)}
     sources = {"real": real, "held_out": held_out}
-    files = calibration_files(result, name_simulation(request.sim, request.out), sources, facts)
+    with terminal.step("writing the report"):
+        files = calibration_files(result, name_simulation(request.sim, request.out), sources, facts)
     request.out.mkdir(parents=True, exist_ok=True)
     write_all_atomically({request.out / name: text for name, text in files.items()})
     if request.json:

@@ -67,7 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     with terminal.step("comparing") as say:
         comparison = compare(models, list(recordings.values()), announce=say)
     if report is not None:
-        comparison_report.write_comparison(report, comparison, terminal.command_line("compare", argv))
+        with terminal.step("writing the report"):
+            comparison_report.write_comparison(report, comparison, terminal.command_line("compare", argv))
         for note in comparison.notes_on_charts():
             terminal.print_warning(note)
     if request.json:

@@ -50,14 +50,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     findings = print_findings(list(recordings.values()))
     forces: dict[str, list[F]] = {}
     for name, simulation in simulations.items():
-        with terminal.step(f"simulating {name}"):
+        with terminal.step(f"simulating {name} ({len(forces) + 1} of {len(simulations)})"):
             forces[name] = [
                 simulation.force(with_predictions(simulation, p, r, signals)) for p, r in recordings.items()
             ]
     with terminal.step("characterising"):
         results = characterise(list(recordings.values()), simulations=forces)
     if request.out is not None:
-        page, *tables = write_characteristics(request.out, results, command=terminal.command_line("characterise", argv))
+        command = terminal.command_line("characterise", argv)
+        with terminal.step(f"writing {request.out}"):
+            page, *tables = write_characteristics(request.out, results, command=command)
         terminal.err.print(f"{page} and {len(tables)} CSV files", highlight=False, soft_wrap=True)
     if request.json:
         print_document("characterise", {**asdict(results), "findings": findings})

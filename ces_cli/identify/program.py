@@ -147,16 +147,17 @@ def prepare_identification(request: IdentifyProgramRequest) -> Identification:
     how = request.model.options()
     measured, (bags, validation) = _read_recordings(paths, request)
     require_distinct(bags, validation)
-    findings = check_together([*bags, *validation])
+    with terminal.step("checking the recordings"):
+        findings = check_together([*bags, *validation])
     require_sound(findings, request.model.ignore_findings)
     print_warnings(findings)
     if motion := describe_motion([*bags, *validation], choose_motion(bags, how.speed)):
         terminal.print_line(motion, console=terminal.err)
-    how = replace(how, limits=replace(how.limits, time=_share_time(how.limits.time)))
+    how = replace(how, limits=replace(how.limits, time=share_time(how.limits.time)))
     return Identification(request, report, bags, validation, measured, how, findings)
 
 
-def _share_time(limit_s: float) -> float:
+def share_time(limit_s: float) -> float:
     """Return how much of a time limit is for the model, and say so if the limit cannot be met."""
     began_s, least_s = heartbeat.elapsed_s, MIN_LEFT_SHARE * limit_s
     left_s = limit_s - (1.0 + TAIL_TIMES) * began_s
@@ -247,7 +248,8 @@ def write_report_page(result: IdentificationResult, work: Identification, comman
         "end of search": result.search_results[0].ended,
     }
     try:
-        write_report(work.report, f"Model {out.name}", result.model, result.evaluations, facts)
+        with terminal.step("writing the report"):
+            write_report(work.report, f"Model {out.name}", result.model, result.evaluations, facts)
     except CesError as error:
         raise CesError(*error.args, " with ", OVERWRITE, f"; {out} is complete") from None
 
@@ -265,7 +267,9 @@ def describe_starts(result: IdentificationResult, request: IdentifyRequest) -> s
 def _print_result(result: IdentificationResult, request: IdentifyProgramRequest, weight: Weighting) -> None:
     evaluations, model = result.evaluations, result.model
     print_costs(evaluations, describe_size(model), _weighting(result, weight))
-    for line in head_lines(model, evaluations):
+    with terminal.step("finding what the error depends on"):
+        lines = head_lines(model, evaluations)
+    for line in lines:
         terminal.print_warning(line)
     _print_teacher(result)
     print(RULE)

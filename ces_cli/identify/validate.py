@@ -84,7 +84,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
             title = f"{request.model}: {describe_size(model)}"
             print_costs(evaluations, title, weighting, exact=False)
-            for line in head_lines(model, evaluations):
+            with terminal.step("finding what the error depends on"):
+                lines = head_lines(model, evaluations)
+            for line in lines:
                 terminal.print_warning(line)
             print_band(model, evaluations)
             _print_details(evaluations, weighting)
@@ -92,7 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             from ces_identify.report.page import write_report
 
             facts = {"command": terminal.command_line("validate", argv)}
-            write_report(report, f"Validation of {request.model.name}", model, evaluations, facts, weighting)
+            with terminal.step("writing the report"):
+                write_report(report, f"Validation of {request.model.name}", model, evaluations, facts, weighting)
             print(f"report: {report}")
     if request.json:
         print_document(
@@ -122,8 +125,9 @@ def _evaluate_recordings(
                 f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
                 "here is lower than on new data"
             )
-        series = prepare(recording, model.sampling)
-        evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
+        with terminal.step(f"evaluating {recording.name} ({len(evaluations) + 1} of {len(recordings)})"):
+            series = prepare(recording, model.sampling)
+            evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
         if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in findings)):
             findings += print_against_model(model, recording, evaluations[-1])
     return evaluations, findings
