@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from ces_identify.simulations.simulation import Simulation
     from ces_identify.validation.evaluate import Evaluation
     from ces_observer import model
+    from ces_report.shell import PageHead
 
     ModelInput = model.Model | PathInput
     SimulationInput = Simulation | model.Model | Callable[..., Any] | PathInput
@@ -110,6 +111,8 @@ def compare(
     recordings: RecordingInputs,
     *,
     report: PathInput | None = None,
+    title: str = "",
+    note: str = "",
 ) -> Comparison:
     """Compare models or other simulations, by name, on the same recordings; write the page to `report`, if given.
 
@@ -122,9 +125,10 @@ def compare(
     from ces_identify.comparison.comparison_report import write_comparison
 
     named = [make_compared_model(name, simulation) for name, simulation in _open_named("models", models).items()]
-    result = compare_models(named, as_recordings(recordings))
+    given = as_recordings(recordings)
+    result = compare_models(named, given)
     if report is not None:
-        write_comparison(as_path(report, "report"), result, "")
+        write_comparison(as_path(report, "report"), result, _head(title, note, given))
     return result
 
 
@@ -133,15 +137,18 @@ def characterise(
     *,
     simulations: Mapping[str, SimulationInput] | None = None,
     out: PathInput | None = None,
+    title: str = "",
+    note: str = "",
 ) -> Characteristics:
     """Return what a damper dyno shows of recordings, beside simulations by name; write page and CSV files to `out`."""
-    from ces_data.reading import as_path
+    from ces_data.reading import as_path, as_recordings
     from ces_identify.characteristics.characterise import characterise as characterise_recordings
     from ces_identify.characteristics.page import write_characteristics
 
-    result = characterise_recordings(recordings, simulations=_open_named("simulations", simulations or {}))
+    given = as_recordings(recordings)
+    result = characterise_recordings(given, simulations=_open_named("simulations", simulations or {}))
     if out is not None:
-        write_characteristics(as_path(out, "out"), result)
+        write_characteristics(as_path(out, "out"), result, _head(title, note, given))
     return result
 
 
@@ -152,6 +159,8 @@ def diagnose(
     held_out: RecordingInputs = (),
     reference: RecordingInputs = (),
     out: PathInput | None = None,
+    title: str = "",
+    note: str = "",
     progress: ProgressInput = None,
     **options: Any,
 ) -> Diagnosis:
@@ -159,8 +168,8 @@ def diagnose(
 
     `simulation` is a model, a function of (time_s, position_m, current_A) that returns force_N, what `--sim` takes, or
     any `Simulation`. `reference` recordings are free of the effect; `held_out` ones only judge (default: a part of
-    `real`). `progress` is that of `identify`. `options` are `effects`, `threads`, `seed`, `tolerance`,
-    `experiment`, `fit`. `out` is a folder for gap.json, augmented.json, report.html and the next experiment. Raises
+    `real`). `progress` is that of `identify`. `options` are `effects`, `threads`, `seed`, `tolerance`, `experiment`,
+    `fit`. `out` is a folder for gap.json, augmented.json, report.html (`title`, `note`) and the next experiment. Raises
     CesError for what cannot be diagnosed.
     """
     from ces_data.reading import as_recordings
@@ -168,6 +177,7 @@ def diagnose(
     from ces_gap.augmented import name_simulation
     from ces_gap.inputs.checks import check_recordings
     from ces_gap.result_files import result_files
+    from ces_identify.numerics.least_squares import one_blas_thread
     from ces_identify.scripting.progress import show_progress
 
     how = _diagnose_options(options)
@@ -175,12 +185,13 @@ def diagnose(
     recordings = as_recordings(real)
     kept, references = (as_recordings(some, required=False) for some in (held_out, reference))
     notes = check_recordings(recordings, kept, references)
-    with show_progress(progress) as tell:
+    with one_blas_thread(), show_progress(progress) as tell:
         result = pipeline.diagnose(subject, name, recordings, kept, references, how, tell)
     result = replace(result, notes=(*notes, *result.notes))
     if out is not None:
+        head = _head(title, note, [*recordings, *kept, *references])
         roles = (("real", recordings), ("held_out", kept), ("reference", references))
-        _write(out, lambda folder: result_files(result, name_simulation(name, folder), roles))
+        _write(out, lambda folder: result_files(result, name_simulation(name, folder), roles, head))
     return result
 
 
@@ -191,6 +202,8 @@ def calibrate(
     held_out: RecordingInputs = (),
     fit: str | Sequence[str] = (),
     out: PathInput | None = None,
+    title: str = "",
+    note: str = "",
     progress: ProgressInput = None,
 ) -> Calibration:
     """Return the named parameters of a simulation fitted to `real` recordings, with intervals.
@@ -203,18 +216,20 @@ def calibrate(
     from ces_gap.calibrate.calibration import calibrate as calibrate_simulation
     from ces_gap.inputs.checks import check_recordings
     from ces_gap.report.calibration import calibration_files
+    from ces_identify.numerics.least_squares import one_blas_thread
     from ces_identify.scripting.progress import show_progress
 
     subject, name = _open(simulation)
     recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
-    for note in check_recordings(recordings, kept, []):
-        warnings.warn(note, stacklevel=2)
+    for text in check_recordings(recordings, kept, []):
+        warnings.warn(text, stacklevel=2)
     names = [fit] if isinstance(fit, str) else fit
-    with show_progress(progress) as tell:
+    with one_blas_thread(), show_progress(progress) as tell:
         result = calibrate_simulation(subject, name, recordings, kept, names, tell)
     if out is not None:
+        head = _head(title, note, [*recordings, *kept])
         used = {"real": recordings, "held_out": kept}
-        _write(out, lambda folder: calibration_files(result, name_simulation(name, folder), used, {}))
+        _write(out, lambda folder: calibration_files(result, name_simulation(name, folder), used, head))
     return result
 
 
@@ -234,6 +249,14 @@ def _diagnose_options(given: Mapping[str, Any]) -> DiagnoseOptions:
         raise CesError("effects: expected effects of your own (ces_gap.Effect); the library's are always tried")
     share = {"tolerance": 0.01 * given["tolerance"]} if given.get("tolerance") is not None else {}
     return DiagnoseOptions(**{**given, **share})
+
+
+def _head(title: str, note: str, recordings: Sequence[Any]) -> PageHead:
+    """Return what the page of a result says of itself."""
+    from ces_data.recording import describe_days
+    from ces_report.shell import PageHead
+
+    return PageHead(title, note, recorded=describe_days(recordings))
 
 
 def _write(out: PathInput, make: Callable[[Path], Mapping[str, str]]) -> None:

@@ -10,9 +10,22 @@ from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bags, open_simulation
-from ces_cli.terminal.options import FIT, HELD_OUT, JSON, OVERWRITE, PART, REAL, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.options import (
+    FIT,
+    HELD_OUT,
+    JSON,
+    NOTE,
+    OVERWRITE,
+    PART,
+    REAL,
+    SIGNALS,
+    TITLE,
+    ProgramRequest,
+    option,
+)
 from ces_cli.terminal.outputs import OUT, print_document, require_outputs
 from ces_cli.terminal.progress import DiagnoseProgress
+from ces_data.recording import describe_days
 from ces_data.signals_file import load_signals
 from ces_gap.augmented import name_simulation
 from ces_gap.calibrate.calibration import Calibration, calibrate
@@ -20,6 +33,7 @@ from ces_gap.inputs.checks import check_recordings
 from ces_gap.report.calibration import FILE, calibration_content, calibration_files, describe, parameter_table
 from ces_observer.json_text import write_all_atomically
 from ces_observer.records import declare
+from ces_report.shell import PageHead
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +47,8 @@ class CalibrateRequest(ProgramRequest):
     signals: Path | None = declare(SIGNALS)
     part: tuple[float, ...] = declare(PART)
     out: Path = option(meaning="folder to write, created if necessary", metavar="DIR")
+    title: str = declare(TITLE)
+    note: str = declare(NOTE)
     overwrite: bool = declare(OVERWRITE)
     json: bool = declare(JSON)
 
@@ -51,10 +67,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         terminal.print_warning(text)
     with DiagnoseProgress("calibrating") as progress:
         result = calibrate(simulation, request.sim, real, held_out, request.fit, progress.listen)
-    facts = {"Command": terminal.command_line("calibrate", argv)}
+    command, recorded = terminal.command_line("calibrate", argv), describe_days([*real, *held_out])
+    head = PageHead(request.title, request.note, command, recorded)
     sources = {"real": real, "held_out": held_out}
     with terminal.step("writing the report"):
-        files = calibration_files(result, name_simulation(request.sim, request.out), sources, facts)
+        files = calibration_files(result, name_simulation(request.sim, request.out), sources, head)
     request.out.mkdir(parents=True, exist_ok=True)
     write_all_atomically({request.out / name: text for name, text in files.items()})
     if request.json:

@@ -9,11 +9,22 @@ from typing import Any
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bags, find_file, open_simulation, print_findings, with_predictions
-from ces_cli.terminal.options import JSON, OVERWRITE, PART, REPORT, SIGNALS, ProgramRequest, argument
+from ces_cli.terminal.options import (
+    JSON,
+    NEED_REPORT,
+    NOTE,
+    OVERWRITE,
+    PART,
+    REPORT,
+    SIGNALS,
+    TITLE,
+    ProgramRequest,
+    argument,
+)
 from ces_cli.terminal.outputs import REPORT as REPORT_FILE
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs
 from ces_data.arrays import F
-from ces_data.recording import Recording
+from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.comparison import comparison_report
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_model
@@ -23,6 +34,7 @@ from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError
 from ces_observer.records import declare
 from ces_observer.signals import Signals
+from ces_report.shell import PageHead
 from ces_report.table import Table
 
 FILES = (".json", ".yaml", ".yml")
@@ -42,6 +54,8 @@ class CompareRequest(ProgramRequest):
     signals: Path | None = declare(SIGNALS)
     part: tuple[float, ...] = declare(PART)
     report: Path | None = declare(REPORT)
+    title: str = declare(TITLE)
+    note: str = declare(NOTE)
     json: bool = declare(JSON)
     overwrite: bool = declare(OVERWRITE)
 
@@ -67,8 +81,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     with terminal.step("comparing") as say:
         comparison = compare(models, list(recordings.values()), announce=say)
     if report is not None:
+        command, recorded = terminal.command_line("compare", argv), describe_days(recordings.values())
+        head = PageHead(request.title, request.note, command, recorded)
         with terminal.step("writing the report"):
-            comparison_report.write_comparison(report, comparison, terminal.command_line("compare", argv))
+            comparison_report.write_comparison(report, comparison, head)
         for note in comparison.notes_on_charts():
             terminal.print_warning(note)
     if request.json:
@@ -159,5 +175,6 @@ def make_parser() -> terminal.Parser[CompareRequest]:
         "test and is marked.",
         "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html",
         CompareRequest,
+        rules=(NEED_REPORT,),
         intermixed=True,
     )

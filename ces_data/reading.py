@@ -57,7 +57,7 @@ def read_log(
     recording = _with_hash(proposal.read(), split_damper(path)[0])
     say(", ".join(proposal.found))
     for remark in proposal.remarks:
-        warnings.warn(f"{path}: {remark}; taken as logged", stacklevel=2)
+        warnings.warn(f"{path}: {remark}", stacklevel=2)
     return _check(take(recording))
 
 

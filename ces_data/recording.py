@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from math import inf
 from typing import Self
 
@@ -11,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_observer.errors import RecordingError
+
+CALENDAR_NS = 1_009_843_200_000_000_000  # 2002-01-01 UTC: what counts from zero begins before it, or at 10**18
 
 Stamps = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -99,6 +102,12 @@ class Recording:
         return self.channels[signal]
 
     @property
+    def day(self) -> str:
+        """The day (UTC) of the first sample, such as 2026-05-03; '' if the clock knew no calendar."""
+        first_ns = min((int(c.stamps_ns.min()) for c in self.channels.values() if len(c)), default=0)
+        return f"{datetime.fromtimestamp(1e-9 * first_ns, UTC):%Y-%m-%d}" if first_ns >= CALENDAR_NS else ""
+
+    @property
     def duration_s(self) -> float:
         """Time [s] from the first to the last position sample."""
         stamps = self.channels["position"].stamps_ns if "position" in self.channels else ()
@@ -142,3 +151,14 @@ class Recording:
 def _to_ns(time_s: float) -> int:
     """Return seconds after the start of a recording as whole nanoseconds."""
     return round(1e9 * min(time_s, MAX_S))
+
+
+def describe_days(recordings: Iterable[Recording]) -> str:
+    """Return the days on which recordings were made, from the first to the last; '' if no clock knew them."""
+    return join_days(recording.day for recording in recordings)
+
+
+def join_days(days: Iterable[str]) -> str:
+    """Return the first and the last of some days, `2026-05-03 to 2026-05-07`."""
+    known = sorted({*days} - {""})
+    return " to ".join(dict.fromkeys((known[0], known[-1]))) if known else ""

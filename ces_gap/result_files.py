@@ -16,6 +16,7 @@ from ces_gap.inference.judgement import PARAMETERS
 from ces_gap.progress import OptionalSteps
 from ces_gap.report.gap_json import format_document, gap_document
 from ces_gap.report.page import report_page
+from ces_report.shell import PageHead
 from ces_report.typesetting import join_names
 
 GAP, AUGMENTED, REPORT = "gap.json", "augmented.json", "report.html"
@@ -25,17 +26,18 @@ def result_files(
     diagnosis: Diagnosis,
     sim: Mapping[str, str | None],
     sources: Sequence[tuple[str, Sequence[Recording]]],
-    facts: Mapping[str, str] | None = None,
+    head: PageHead | None = None,
 ) -> dict[str, str]:
     """Return the texts of the files by name.
 
     `sim` specifies the simulation relative to the files' folder (`ces_gap.augmented.name_simulation`).
-    `sources` are the recordings of each role ("real", "held_out", "reference") for the provenance; `facts` are shown in
-    the report. If the report or the next experiment cannot be written, a note in `gap.json` says why.
+    `sources` are the recordings of each role ("real", "held_out", "reference") for the provenance. If the report or the
+    next experiment cannot be written, a note in `gap.json` says why.
     """
+    titled = (head or PageHead()).titled(_title(diagnosis, sources))
     optional, proposed = OptionalSteps(), diagnosis.next_experiment
     nothing: dict[str, str] = {}
-    page = optional.run(REPORT, lambda: {REPORT: report_page(diagnosis, _title(diagnosis, sources), facts)}, nothing)
+    page = optional.run(REPORT, lambda: {REPORT: report_page(diagnosis, titled)}, nothing)
     experiment = optional.run("next experiment", lambda: experiment_files(proposed) if proposed else nothing, nothing)
     document = gap_document(replace(diagnosis, notes=(*diagnosis.notes, *optional.notes)))
     provenance = {role: [{"recording": r.name, "sha256": r.sha256} for r in recordings] for role, recordings in sources}

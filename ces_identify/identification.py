@@ -227,7 +227,8 @@ def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> 
 
 
 def _describe_origin(recording: Recording) -> dict[str, str]:
-    return {"recording": recording.name, "sha256": recording.sha256}
+    day = {"day": recording.day} if recording.day else {}
+    return {"recording": recording.name, "sha256": recording.sha256, **day}
 
 
 Identifier = Callable[[Sequence[Recording], Sequence[Recording], IdentifyOptions], IdentificationResult]

@@ -32,7 +32,7 @@ from ces_report.figure import (
     series_css,
     x_range,
 )
-from ces_report.table import text_table
+from ces_report.table import Section, text_table
 from ces_report.typesetting import Chart, ChartCurve, minus
 
 __all__ = [
@@ -316,6 +316,12 @@ def _leave_out(name: str, most: int) -> str:
     return name if len(name) <= most else f"{name[: most // 3]}…{name[most // 3 + 1 - most :]}"
 
 
+def draw_section(section: Section) -> list[tuple[Markup, str]]:
+    """Return the charts of a section, each with its caption."""
+    sized = zip(section.charts, SIZES, strict=False)
+    return [(draw_chart(f"{section.ident}{n}", chart, size), chart.caption) for n, (chart, size) in enumerate(sized)]
+
+
 def draw_chart(ident: str, chart: Chart, size: tuple[float, float]) -> Markup:
     """Return a chart of about `size` (width, height) [px]."""
     width, height = size
@@ -332,7 +338,7 @@ def _marks(curve: ChartCurve, css: str) -> Iterator[PlotMark]:
     """Yield the interval of a curve, the part that was recorded, and the parts below and above it."""
     low, high = curve.recorded
     if curve.points is not None:
-        yield PlotDots("measured", *curve.points, css=f"{css} spot")
+        yield PlotDots(curve.dots, *curve.points, css=f"{css} spot")
     if curve.half.any():
         yield PlotBand(curve.name, curve.x, curve.y - curve.half, curve.y + curve.half, f"interval {css.split()[1]}")
     for first, last, kind in ((low, high, css), (-np.inf, low, f"{css} beyond"), (high, np.inf, f"{css} beyond")):

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from functools import cache
 from importlib import resources
+from typing import Self
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
@@ -20,6 +23,30 @@ HERE = "ces_report"
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 SCRIPTS = ("plots.js", "values.js", "tables.js")
 UNITS = {"_m_s": "m/s", "_Hz": "Hz", "_percent": "%", "_s": "s", "_m": "m", "_A": "A", "_N": "N"}
+
+
+@dataclass(frozen=True)
+class PageHead:
+    """What a page says of itself: `title` (empty: the program's), the user's `note`, command, date of the recordings.
+
+    The note is free text: damper, operator, what was tested.
+    """
+
+    title: str = ""
+    note: str = ""
+    command: str = ""
+    recorded: str = ""
+    written: str = field(default_factory=lambda: datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"))
+
+    def titled(self, title: str) -> Self:
+        """Return the head with a title if it has none."""
+        return replace(self, title=self.title or title)
+
+    @property
+    def origin(self) -> str:
+        """When the recordings were made, if that is known, and when and by what the page was written."""
+        recorded = f"Recorded {self.recorded}; page" if self.recorded else "Page"
+        return f"{recorded} written {self.written} by ces_observer {__version__}."
 
 
 def page_template(name: str, package: str = HERE, styles: tuple[str, ...] = ()) -> Template:

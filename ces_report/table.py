@@ -124,7 +124,7 @@ class Section:
 
     ident: str
     title: str
-    table: Table[Any]
+    table: Table[Any] = Table((), ())
     note: str = ""
     equation: Markup = Markup("")
     symbols: Symbols = ()

@@ -32,7 +32,7 @@ Symbols = tuple[tuple[Markup, str], ...]
 class ChartCurve:
     """A curve y(x) with the half width of its 95 % interval, each (n,); `recorded` is the range of x with data.
 
-    `points` are measured x and y, each (k,).
+    `points` are x and y of `dots`, each (k,).
     """
 
     name: str
@@ -41,6 +41,7 @@ class ChartCurve:
     half: F
     recorded: tuple[float, float]
     points: tuple[F, F] | None = None
+    dots: str = "measured"
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,21 @@ from typing import Any
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bags, open_simulation, print_findings, with_predictions
-from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, PART, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.options import (
+    BAGS,
+    JSON,
+    NOTE,
+    OVERWRITE,
+    PART,
+    SIGNALS,
+    TITLE,
+    ProgramRequest,
+    only_with,
+    option,
+)
 from ces_cli.terminal.outputs import OUT, print_document, require_outputs
 from ces_data.arrays import F
+from ces_data.recording import describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.page import PAGE, peak_table, response_table, work_table, write_characteristics
@@ -19,6 +31,7 @@ from ces_identify.characteristics.rows import Characteristics
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError, OptionName
 from ces_observer.records import declare
+from ces_report.shell import PageHead
 from ces_report.table import Table
 
 FOLDER = f"folder for the page ({PAGE}) and a CSV file for each table"
@@ -34,6 +47,8 @@ class CharacteriseRequest(ProgramRequest):
     signals: Path | None = declare(SIGNALS)
     part: tuple[float, ...] = declare(PART)
     out: Path | None = option(None, FOLDER, metavar="DIR")
+    title: str = declare(TITLE)
+    note: str = declare(NOTE)
     overwrite: bool = declare(OVERWRITE)
     json: bool = declare(JSON)
 
@@ -57,9 +72,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     with terminal.step("characterising"):
         results = characterise(list(recordings.values()), simulations=forces)
     if request.out is not None:
-        command = terminal.command_line("characterise", argv)
+        command, recorded = terminal.command_line("characterise", argv), describe_days(recordings.values())
+        head = PageHead(request.title, request.note, command, recorded)
         with terminal.step(f"writing {request.out}"):
-            page, *tables = write_characteristics(request.out, results, command=command)
+            page, *tables = write_characteristics(request.out, results, head)
         terminal.err.print(f"{page} and {len(tables)} CSV files", highlight=False, soft_wrap=True)
     if request.json:
         print_document("characterise", {**asdict(results), "findings": findings})
@@ -78,6 +94,7 @@ def make_parser() -> terminal.Parser[CharacteriseRequest]:
         "other motion gives quantiles of the force over speed.",
         "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics",
         CharacteriseRequest,
+        rules=(only_with("title note", "out", "is for the page; add --out DIR"),),
     )
 
 

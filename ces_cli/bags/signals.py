@@ -99,7 +99,7 @@ def proposal_rows(selection: Selection) -> list[dict[str, Any]]:
             c = choice.candidate
             facts = {"source": c.label, "type": c.kind, "scale": choice.scale, "offset": choice.offset}
             facts |= {"low": c.low, "high": c.high, "rate_Hz": c.rate_Hz}
-            facts |= {"reasons": choice.reasons, "checks": choice.checks}
+            facts |= {"reasons": choice.reasons, "checks": choice.to_check}
             others = [{"source": r.candidate.label, "reason": r.why} for r in choice.others]
             rows.append({"damper": name, "signal": choice.signal, "found": True, **facts, "not_chosen": others})
     rows += [

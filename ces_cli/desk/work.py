@@ -32,7 +32,7 @@ from ces_cli.desk.items import format_number
 from ces_data.bags.reader import list_topics, read_recording
 from ces_data.checks.check import find_all_faults
 from ces_data.findings import Finding, require_usable
-from ces_data.recording import Recording
+from ces_data.recording import Recording, describe_days
 from ces_data.samples import channel_stats
 from ces_data.signals_file import load_signals
 from ces_identify.comparison.compared_models import make_compared_model
@@ -42,6 +42,7 @@ from ces_identify.simulations.simulation import ModelSimulation
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, series_css
+from ces_report.shell import PageHead
 
 MAX_RUNNING, MAX_KEPT = 2, 32
 LIMIT_S = 180  # [s] for each
@@ -153,7 +154,7 @@ def compare_files(models: list[str], bags: list[str], signals: str | None) -> st
         require_usable(recording)
     named = zip(name_sources(models), models, strict=True)
     compared = [make_compared_model(name, ModelSimulation(load_model(path)), path) for name, path in named]
-    return comparison_page(compare(compared, recordings))
+    return comparison_page(compare(compared, recordings), PageHead(recorded=describe_days(recordings)))
 
 
 def inspect_recording(path: str, signals: str | None) -> PageContent:

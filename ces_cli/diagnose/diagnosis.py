@@ -25,16 +25,18 @@ from ces_cli.terminal.options import (
     HELD_OUT,
     JOBS,
     JSON,
+    NOTE,
     OVERWRITE,
     PART,
     REAL,
     SIGNALS,
+    TITLE,
     ProgramRequest,
     option,
 )
 from ces_cli.terminal.outputs import make_schemas, print_document, without_text
 from ces_cli.terminal.progress import DiagnoseProgress
-from ces_data.recording import Recording
+from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_gap.augmented import name_simulation
 from ces_gap.baseline.identified import MODEL, identify_baseline
@@ -57,6 +59,7 @@ from ces_observer.json_text import write_all_atomically
 from ces_observer.records import declare
 from ces_observer.signals import Signals
 from ces_observer.structures import STRUCTURES
+from ces_report.shell import PageHead
 
 COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan"}
 MAX_REGIONS = 3
@@ -122,6 +125,8 @@ class DiagnoseRequest(ProgramRequest):
         choices=(RECORDING, VEHICLE),
     )
     jobs: int | None = declare(replace(JOBS, group="fleets"))
+    title: str = declare(TITLE)
+    note: str = declare(NOTE)
     json: bool = declare(JSON)
     overwrite: bool = declare(OVERWRITE)
 
@@ -146,7 +151,9 @@ def run_diagnosis(request: DiagnoseRequest, command: str) -> None:
         diagnosis = replace(diagnosis, notes=(*doubts, *diagnosis.notes))
         progress.listen("writing the report", 1.0)
         name = name_simulation(spec, request.out)
-        files = result_files(diagnosis, name, list(recordings.items()), {"Command": command})
+        recorded = describe_days(one for group in recordings.values() for one in group)
+        head = PageHead(request.title, request.note, command, recorded)
+        files = result_files(diagnosis, name, list(recordings.items()), head)
     make_schemas()  # the recipe of the next experiment names its schema
     problem = write_results(files, request.out)
     written = [name for name in files if problem is None or (request.out / name).is_file()]

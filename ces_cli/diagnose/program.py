@@ -44,6 +44,7 @@ RULES = (
     ),
     only_with("jobs", "each", "applies to fleets; add --each recording or --each vehicle"),
     never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
+    never_with("title note", "each", "has no effect with --each: every unit has a page of its own"),
     never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
 )
 

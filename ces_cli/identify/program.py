@@ -22,7 +22,7 @@ from ces_cli.terminal.inputs import (
     with_distinct_names,
     with_teacher_force,
 )
-from ces_cli.terminal.options import ALL, never_with
+from ces_cli.terminal.options import ALL, NEED_REPORT, never_with
 from ces_cli.terminal.outputs import (
     OUT,
     OVERWRITE,
@@ -46,7 +46,7 @@ from ces_cli.terminal.results import (
 from ces_data.checks.check import check_together, require_sound
 from ces_data.checks.content import require_distinct
 from ces_data.findings import Finding
-from ces_data.recording import Recording
+from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_gap.augmented import file_of
 from ces_identify.identification import (
@@ -71,10 +71,12 @@ from ces_identify.validation.lacks import head_lines
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.proof.certificate import summarize
+from ces_report.shell import PageHead
 from ces_report.table import text_table
 
 RULES = (
     *CAMPAIGN_RULES,
+    NEED_REPORT,
     never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
 )
 MIN_LEFT_SHARE = 0.5  # of a time limit, for the model, however long start and reading took
@@ -242,14 +244,15 @@ def write_report_page(result: IdentificationResult, work: Identification, comman
         return
     out = work.request.out
     trials = sum(f.trials for f in result.search_results)
+    recorded = describe_days([*work.bags, *work.validation])
+    head = PageHead(work.request.title, work.request.note, command, recorded).titled(f"Model {out.name}")
     facts = {
-        "command": command,
         "selection": f"{describe_starts(result, work.request.model)}, {trials} trials",
         "end of search": result.search_results[0].ended,
     }
     try:
         with terminal.step("writing the report"):
-            write_report(work.report, f"Model {out.name}", result.model, result.evaluations, facts)
+            write_report(work.report, head, result.model, result.evaluations, facts)
     except CesError as error:
         raise CesError(*error.args, " with ", OVERWRITE, f"; {out} is complete") from None
 

@@ -11,10 +11,12 @@ from ces_cli.terminal.options import (
     BAGS_FORM,
     JOBS,
     JSON,
+    NOTE,
     OVERWRITE,
     PART,
     REPORT,
     SIGNALS,
+    TITLE,
     Argument,
     ProgramRequest,
     Values,
@@ -32,6 +34,8 @@ VALIDATE = Option(
 OUT = Option("out", Path("model.json"), "model file to write; its folder must exist", metavar="FILE")
 OF_THE_PROGRAM = (
     replace(PART, group="data"),
+    TITLE,
+    NOTE,
     JSON,
     Option(
         "show_candidates",
@@ -80,6 +84,8 @@ class IdentifyProgramRequest(ProgramRequest):
     overwrite: bool = False
     teacher: str | None = None
     part: tuple[float, ...] = ()
+    title: str = ""
+    note: str = ""
     json: bool = False
     show_candidates: bool = False
     folds: int = 0

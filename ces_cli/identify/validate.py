@@ -14,10 +14,13 @@ from ces_cli.terminal.options import (
     BAGS_FORM,
     JSON,
     MODEL,
+    NEED_REPORT,
+    NOTE,
     OVERWRITE,
     PART,
     REPORT,
     SIGNALS,
+    TITLE,
     ProgramRequest,
     only_with,
     option,
@@ -29,7 +32,7 @@ from ces_data.checks.content import find_known_recording, require_once
 from ces_data.checks.units import signs_against_model, unit_against_model
 from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.limits import StatisticLimits
-from ces_data.recording import Recording
+from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.options import REGIONS, WEIGHT
 from ces_identify.prepare.cost import Weighting, parse_weighting
@@ -41,6 +44,7 @@ from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
 from ces_observer.proof.certificate import Certificate
 from ces_observer.records import declare
+from ces_report.shell import PageHead
 
 NOT_PROVED = 1  # exit status
 ROUNDING = 1e-9  # relative
@@ -62,6 +66,8 @@ class ValidateRequest(ProgramRequest):
         False, "prove the model stable again; exit status 1 if it cannot be proved, or the file claims more"
     )
     report: Path | None = declare(REPORT)
+    title: str = declare(TITLE)
+    note: str = declare(NOTE)
     json: bool = declare(JSON)
     overwrite: bool = declare(OVERWRITE)
 
@@ -79,7 +85,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     with without_text(request.json):
         proof = model.certify() if request.certificate else None
         status = 0 if proof is None else print_proof(model, proof, str(request.model))
-        evaluations, findings = ([], []) if status else _evaluate_recordings(model, paths, request)
+        recordings = [] if status else _read_recordings(paths, request)
+        evaluations, findings = _evaluate_recordings(model, recordings, request)
         if evaluations:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
             title = f"{request.model}: {describe_size(model)}"
@@ -93,9 +100,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         if evaluations and report is not None:
             from ces_identify.report.page import write_report
 
-            facts = {"command": terminal.command_line("validate", argv)}
+            command, recorded = terminal.command_line("validate", argv), describe_days(recordings)
+            head = PageHead(request.title, request.note, command, recorded)
+            head = head.titled(f"Validation of {request.model.name}")
             with terminal.step("writing the report"):
-                write_report(report, f"Validation of {request.model.name}", model, evaluations, facts, weighting)
+                write_report(report, head, model, evaluations, weighting=weighting)
             print(f"report: {report}")
     if request.json:
         print_document(
@@ -105,16 +114,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     return status
 
 
+def _read_recordings(paths: Sequence[Path], request: ValidateRequest) -> list[Recording]:
+    signals = load_signals(request.signals)
+    recordings = {path: terminal.read_one(path, signals, terminal.FORCE, request.part) for path in paths}
+    return list(with_distinct_names(recordings).values())
+
+
 def _evaluate_recordings(
-    model: Model, paths: Sequence[Path], request: ValidateRequest
+    model: Model, recordings: Sequence[Recording], request: ValidateRequest
 ) -> tuple[list[Evaluation], list[Finding]]:
     """Return the evaluations, and the findings of the checks, which are printed."""
-    signals = load_signals(request.signals)
-    recordings = list(
-        with_distinct_names(
-            {path: terminal.read_one(path, signals, terminal.FORCE, request.part) for path in paths}
-        ).values()
-    )
     require_once(recordings)
     findings = [*print_findings(recordings)]
     evaluations: list[Evaluation] = []
@@ -248,6 +257,7 @@ def make_parser() -> terminal.Parser[ValidateRequest]:
         "  ces validate model.json --certificate",
         ValidateRequest,
         rules=(
+            NEED_REPORT,
             only_with(
                 "report part weight signals overwrite",
                 "bags",

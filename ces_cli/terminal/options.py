@@ -73,6 +73,9 @@ def only_with(names: str, other: str, reason: str) -> OptionRule:
     return OptionRule(names, lambda values: bool(values.get(other)), reason)
 
 
+NEED_REPORT = only_with("title note", "report", "is for the page; add --report FILE")
+
+
 def never_with(names: str, other: str, reason: str, but: str = "") -> OptionRule:
     """Return the rule that `names` do not apply together with the option `other`."""
     return OptionRule(names, lambda values: not values.get(other), reason, but)
@@ -169,6 +172,8 @@ PART = Option(
 SIGNALS_FORM = "signals file (YAML); FILE#NAME for one of several dampers in it"
 SIGNALS = Option("signals", None, SIGNALS_FORM, kind=Path, none="the packaged file", metavar="FILE")
 REPORT = Option("report", None, f"write a report page (HTML); {IN_A_FOLDER}", kind=Path, metavar="FILE")
+TITLE = Option("title", "", "title of the page", none="what was done with which recordings", metavar="TEXT")
+NOTE = Option("note", "", "free text on the page: damper, operator, what was tested", metavar="TEXT")
 OVERWRITE = Option("overwrite", False, "replace outputs that exist (default: refuse)")
 JSON = Option("json", False, "print JSON for other programs instead of tables")
 RIG_SEED = Option("seed", None, "random seed", 0, 2**31, kind=int, none="the experiment's own", metavar="N")

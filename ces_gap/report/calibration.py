@@ -33,7 +33,7 @@ from ces_observer import __version__
 from ces_observer.fields import Field, Schema
 from ces_observer.json_text import parse_json, read_bounded
 from ces_observer.records import Of, Record, document_schema, read_document, record_of
-from ces_report.shell import page_template, replace_unencodable
+from ces_report.shell import PageHead, page_template, replace_unencodable
 from ces_report.table import Column, Table
 from ces_report.typesetting import format_number, format_range, join_names, join_with
 
@@ -141,11 +141,11 @@ def parameter_table(c: Calibration) -> Table[FittedParameter]:
     return Table(COLUMNS, sorted(c.parameters, key=lambda p: not p.matters), "parameters of the simulation")
 
 
-def calibration_page(c: Calibration, title: str, facts: Mapping[str, str]) -> str:
-    """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) are at its end."""
+def calibration_page(c: Calibration, head: PageHead) -> str:
+    """Return the page as text that is both HTML and well-formed XML."""
     worst = find_largest_errors(c.held_out)
     page = page_template("calibration.html.j2", __package__, ("gap.css",)).render(
-        title=title,
+        head=head,
         c=c,
         sentence=describe(c),
         table=parameter_table(c),
@@ -153,7 +153,7 @@ def calibration_page(c: Calibration, title: str, facts: Mapping[str, str]) -> st
         plots=speed_force("sf", c.held_out, "the fitted parameters"),
         time=time_plot("worst", worst, "the fitted parameters") if worst else None,
         worst=worst.series.trace.name if worst else "",
-        facts={"Simulation": c.spec, **facts},
+        facts={"Simulation": c.spec},
     )
     return replace_unencodable(page)
 
@@ -202,7 +202,7 @@ def calibration_files(
     c: Calibration,
     sim: Mapping[str, str | None],
     sources: Mapping[str, Sequence[Recording]],
-    facts: Mapping[str, str],
+    head: PageHead,
 ) -> dict[str, str]:
     """Return the texts of `calibrated.json` and `report.html`; `sim` comes from `name_simulation`."""
     used = {
@@ -211,7 +211,7 @@ def calibration_files(
     provenance = {"tool": f"ces_observer {__version__}", **used}
     document = {"schema": SCHEMA, "simulation": dict(sim), **calibration_content(c), "provenance": provenance}
     real = join_names([r.name for recordings in sources.values() for r in recordings])
-    page = calibration_page(c, f"Parameters of {PurePath(c.spec).name} from {real}", facts)
+    page = calibration_page(c, head.titled(f"Parameters of {PurePath(c.spec).name} from {real}"))
     return {FILE: format_document(to_plain_json(document, FILE)), REPORT: page}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +41,7 @@ from ces_gap.report.tables import (
     recording_table,
     region_table,
 )
-from ces_report.shell import page_template, replace_unencodable
+from ces_report.shell import PageHead, page_template, replace_unencodable
 from ces_report.typesetting import format_range, three_figures
 
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
@@ -81,19 +80,17 @@ class GapSteps:
     cut: bool
 
 
-def report_page(
-    diagnosis: Diagnosis, title: str = "Simulation and reality", facts: Mapping[str, str] | None = None
-) -> str:
-    """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) are at its end."""
+def report_page(diagnosis: Diagnosis, head: PageHead | None = None) -> str:
+    """Return the page as text that is both HTML and well-formed XML."""
     d, has_gap = diagnosis, diagnosis.verdict != NO_GAP
     causes, where = cause_table(d), _where("where", "gap", d.where) if has_gap else None
     page = page_template("gap.html.j2", __package__, ("gap.css",)).render(
-        title=title,
+        head=(head or PageHead()).titled("Simulation and reality"),
         d=d,
         has_gap=has_gap,
         verdict=VERDICTS[d.verdict],
-        head=({"Where": where["sentence"]} if where else {}) | {"Next": _next_step(d)},
-        facts={"Simulation": d.simulation, **(facts or {})},
+        first=({"Where": where["sentence"]} if where else {}) | {"Next": _next_step(d)},
+        facts={"Simulation": d.simulation},
         warnings=_warnings(d),
         gap_steps=build_gap_steps(d),
         key_figure=_key_figure(d),

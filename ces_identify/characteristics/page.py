@@ -36,7 +36,7 @@ from ces_observer.json_text import write_atomically
 from ces_report.drawing import span_of
 from ces_report.figure import CURVES, PlotMark
 from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, curve_css, draw_plot, series_css, share_points
-from ces_report.shell import command_block, page_template, replace_unencodable
+from ces_report.shell import PageHead, page_template, replace_unencodable
 from ces_report.table import Column, Table, as_csv, columns_of, row_fields, rows_as_csv
 from ces_report.typesetting import format_decimal, join_names
 
@@ -55,10 +55,10 @@ CONDITION = ("current_A", "amplitude_m", "frequency_Hz", "cycles")
 OneRow = TypeVar("OneRow", bound=ConditionRow)
 
 
-def write_characteristics(folder: str | Path, results: Characteristics, *, command: str = "") -> list[Path]:
+def write_characteristics(folder: str | Path, results: Characteristics, head: PageHead) -> list[Path]:
     """Write the page and the tables into `folder`, which is made if it does not exist; return the files, page first.
 
-    Files of an earlier run are replaced, each only when its new content is complete. `command` is shown on the page.
+    Files of an earlier run are replaced, each only when its new content is complete.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -68,11 +68,11 @@ def write_characteristics(folder: str | Path, results: Characteristics, *, comma
     texts[COLUMNS] = as_csv([("table", "column", "unit", "meaning"), *described])
     for name, text in texts.items():
         write_atomically(folder / name, text)
-    write_atomically(folder / PAGE, format_page(results, command))
+    write_atomically(folder / PAGE, format_page(results, head))
     return [folder / name for name in (PAGE, *texts)]
 
 
-def format_page(results: Characteristics, command: str = "") -> str:
+def format_page(results: Characteristics, head: PageHead) -> str:
     """Return the page as self-contained HTML."""
     palette = Palette(results.sources, tuple(sorted({row.current_A for row in results.peak_velocity})))
     loops = [loop_charts(results, palette, n, point) for n, point in enumerate(choose_test_points(results))]
@@ -88,8 +88,7 @@ def format_page(results: Characteristics, command: str = "") -> str:
     long_tables = (peak_table, work_table, zero_speed_table, width_table)
     short_tables = (response_table, recording_table, omission_table)
     page = page_template("characteristics.html.j2", "ces_identify.characteristics", ("characteristics.css",)).render(
-        title=f"Characteristics: {join_names([r.name for r in results.recordings])}{beside}",
-        command=command_block(command) if command else "",
+        head=head.titled(f"Characteristics: {join_names([r.name for r in results.recordings])}{beside}"),
         results=results,
         simulations=results.sources[1:],
         tolerance=format_decimal(results.current_tolerance_A),

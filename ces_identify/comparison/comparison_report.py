@@ -30,7 +30,7 @@ from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import find_working_windows
 from ces_observer.json_text import write_atomically
 from ces_report.plot import IntervalRow, Plot, PlotArea, PlotLine, draw_intervals, draw_plot, series_css, share_points
-from ces_report.shell import command_block, page_template, replace_unencodable
+from ces_report.shell import PageHead, page_template, replace_unencodable
 from ces_report.table import Column, Table
 from ces_report.typesetting import join_with
 
@@ -165,21 +165,22 @@ def _difference(difference: Difference) -> dict[str, Any]:
     }
 
 
-def write_comparison(path: Path, comparison: Comparison, command: str) -> None:
-    """Write the page to `path`, as a whole or not at all; raises CesError. The page shows the `command`."""
-    write_atomically(path, comparison_page(comparison, command))
+def write_comparison(path: Path, comparison: Comparison, head: PageHead) -> None:
+    """Write the page to `path`, as a whole or not at all; raises CesError."""
+    write_atomically(path, comparison_page(comparison, head))
 
 
-def comparison_page(comparison: Comparison, command: str = "") -> str:
+def comparison_page(comparison: Comparison, head: PageHead) -> str:
     """Return the page as HTML that is also well-formed XML."""
     models, tests = comparison.models, comparison.test_names
     all_pairs = len(comparison.pairs) <= MAX_DETAILED_PAIRS
     page = page_template("comparison.html.j2", __package__ or "", ("comparison.css",)).render(
-        title=f"{_name_some([model.name for model in models], 'models')} on "
-        f"{_name_some([r.name for r in comparison.recordings], 'recordings')}",
+        head=head.titled(
+            f"{_name_some([model.name for model in models], 'models')} on "
+            f"{_name_some([r.name for r in comparison.recordings], 'recordings')}"
+        ),
         headline=headline(comparison),
         warnings=comparison.notes(),
-        command=command_block(command) if command else "",
         comparison=comparison,
         pooled_over=join_with(tests) if tests else "",
         costs=model_table(comparison),

@@ -24,10 +24,12 @@ from ces_identify.report.figures import (
     speed_force,
     time_plot,
 )
-from ces_identify.report.steady import steady_chart
+from ces_identify.report.steady import steady_section
 from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
+from ces_identify.structures.hydraulic import DAMPER
+from ces_identify.structures.polynomial import COSTS_BY_TERMS, size_sections
 from ces_identify.validation.cost_table import cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
@@ -41,17 +43,17 @@ from ces_identify.validation.lacks import UNDETERMINED, head_lines
 from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
-from ces_report.plot import SIZES, draw_chart, share_points
-from ces_report.shell import format_key, page_template, replace_unencodable
+from ces_report.plot import draw_section, share_points
+from ces_report.shell import PageHead, format_key, page_template, replace_unencodable
 from ces_report.table import text_table
-from ces_report.typesetting import Chart, join_names, minus, three_figures
+from ces_report.typesetting import join_names, minus, three_figures
 
 ROLES = (VALIDATION, IDENTIFICATION)
 MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 COSTS = "cost_J_percent"  # key in the provenance; the first table shows them
 MARKS = "marks"  # key of the hashes in the provenance by which copies and parts of recordings are recognised
-SHOWN_ABOVE = (ERRORS, UNDETERMINED, "structure", "structures", REASON)  # of the selection
+SHOWN_ABOVE = (COSTS_BY_TERMS, ERRORS, UNDETERMINED, "structure", "structures", REASON)  # of the selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 NO_CERTIFICATE = (
     "None: this model comes without a proof of stability. The observer tries one itself; if that fails, it refuses the "
@@ -61,15 +63,15 @@ NO_CERTIFICATE = (
 
 def write_report(
     path: Path,
-    title: str,
+    head: PageHead,
     model: Model,
     evaluations: Sequence[Evaluation],
-    facts: Mapping[str, str],
+    facts: Mapping[str, str] | None = None,
     weighting: Weighting = EQUAL,
 ) -> None:
     """Write the page about `model` and its `evaluations`, HTML that is also well-formed XML, to `path`.
 
-    `facts` appear under the title: date, command, noise floor and the like. A `weighting` adds the weighted J of each
+    `facts` are shown with the provenance. A `weighting` adds the weighted J of each
     recording. Raises CesError if `path` cannot be written; an existing file then stays unchanged.
     """
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
@@ -78,16 +80,15 @@ def write_report(
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     selection = model.provenance.get("selection", {})
     structures = selection.get("structures") or {}
-    command = next((text for name, text in facts.items() if name.lower() == "command"), "")
     kind = model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
     page = page_template("report.html.j2", "ces_identify.report").render(
-        title=title,
+        head=head,
         subject=_describe_recordings(ordered),
         lacks=[NEGATIVE.sub("\N{MINUS SIGN}", line) for line in head_lines(model, ordered)],
-        answers=summarize_model(model, ordered, _format_headline(ordered, held_out, model), command),
+        answers=summarize_model(model, ordered, _format_headline(ordered, held_out, model), head.command),
         picture=_draw_first(ordered),
         warnings=_format_warnings(ordered),
-        facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **facts},
+        facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **(facts or {})},
         model=model,
         costs=cost_table(
             ordered,
@@ -124,20 +125,14 @@ def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int
     """Return the recordings, the model's table with its charts, and the maps."""
     held_out = [e for e in ordered if e.role == VALIDATION]
     section = model_section(model, held_out or ordered, VALIDATION if held_out else IDENTIFICATION)
+    family = [steady_section(model, ordered)] if ordered and section.ident != DAMPER else []
+    first, own = ([section], []) if section.ident == DAMPER else (family, [section, *size_sections(model)])
     return {
         "recordings": [_draw_recording(i, ordered[i], model, points) for i in drawn],
-        "section": section,
-        "charts": [
-            (draw_chart(f"chart{n}", chart, size), chart.caption)
-            for n, (chart, size) in enumerate(zip(section.charts, SIZES, strict=False))
-        ],
-        "steady": None if section.charts or not ordered else _draw_steady(steady_chart(model, ordered)),
+        "first_sections": [(one, draw_section(one)) for one in first],
+        "model_sections": [(one, draw_section(one)) for one in own],
         "maps": _draw_maps(ordered, model),
     }
-
-
-def _draw_steady(chart: Chart) -> tuple[Markup, str]:
-    return draw_chart("steady", chart, SIZES[0]), chart.caption
 
 
 def _describe_recordings(evaluations: Sequence[Evaluation]) -> str:

@@ -13,6 +13,7 @@ from ces_identify.structures import run_batch
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
 from ces_observer.structures.structure import Range
+from ces_report.table import Section
 from ces_report.typesetting import Chart, ChartCurve, minus
 
 RESTS = 2.0  # times the warm-up, for which the damper rests before a stroke
@@ -27,7 +28,7 @@ STEADY = (
 )
 
 
-def steady_chart(model: Model, evaluations: Sequence[Evaluation]) -> Chart:
+def steady_section(model: Model, evaluations: Sequence[Evaluation]) -> Section:
     """Return the family of force over speed at currents that the model knows, with measured medians."""
     series = [e.series for e in evaluations]
     low, high = np.quantile(np.concatenate([s.current[s.scored] for s in series]), RECORDED)
@@ -38,7 +39,8 @@ def steady_chart(model: Model, evaluations: Sequence[Evaluation]) -> Chart:
         recorded = (float(points[0].min()), float(points[0].max())) if len(points[0]) else (0.0, 0.0)
         name = minus(f"{current:.3g} A")
         curves.append(ChartCurve(name, speeds, forces, np.zeros(len(speeds)), recorded, points))
-    return Chart("Force over speed", SPEED, "Force [N]", tuple(curves), STEADY)
+    chart = Chart("Force over speed", SPEED, "Force [N]", tuple(curves), STEADY)
+    return Section("force-speed", "Force over speed at constant currents", charts=(chart,))
 
 
 def measured_medians(series: Sequence[Series], current: float, currents: F, stroke: Range) -> tuple[F, F]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,7 +18,9 @@ from ces_data.checks.check import check_together, require_sound
 from ces_data.checks.content import require_distinct
 from ces_data.frames import import_pandas
 from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs, as_path, as_recordings
+from ces_data.recording import join_days
 from ces_identify.identification import identify
+from ces_identify.numerics.least_squares import one_blas_thread
 from ces_identify.numerics.search import SearchResult
 from ces_identify.options import IdentifyRequest
 from ces_identify.prepare.series import Series, prepare
@@ -38,6 +39,7 @@ from ces_observer import model
 from ces_observer.errors import CesError
 from ces_observer.records import in_files
 from ces_observer.structures.polynomial import Polynomial
+from ces_report.shell import PageHead
 
 MAX_STEPS = 100_000  # ticks ahead
 
@@ -93,7 +95,8 @@ class Model(model.Model):
             text = news if isinstance(news, str) else f"selection cost J = {news.cost:.2f} %, size {len(news.chosen)}"
             progress(f"identifying: {text}", 0.0)
 
-        result = identify(given, held_out, how, listen, fitter).require_explained(findings, ignored)
+        with one_blas_thread():
+            result = identify(given, held_out, how, listen, fitter).require_explained(findings, ignored)
         return replace(cls.of(result.model), evaluations=result.evaluations, search_results=result.search_results)
 
     def simulate(
@@ -166,13 +169,15 @@ class Model(model.Model):
 
     def report(self, path: PathInput, recordings: RecordingInputs = (), *, title: str = "", note: str = "") -> Path:
         """Write the page about the model on the recordings where it was identified, and on others; return its path."""
-        added = [] if _is_empty(recordings) else self.validate(recordings)
+        given = as_recordings(recordings, required=False)
+        added, days = self.validate(given) if given else [], [one.day for one in given]
         evaluations = [*self.evaluations, *added]
         if not evaluations:
             raise CesError("report: no recording; give some, since the model comes from a file")
-        facts = {"Date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), **({"Note": note} if note else {})}
+        known = [one.get("day", "") for role in (IDENTIFICATION, VALIDATION) for one in self.provenance.get(role, ())]
+        head = PageHead(title or f"{self.structure} model", note, recorded=join_days([*known, *days]))
         target = as_path(path, "path")
-        write_report(target, title or f"{self.structure} model", self, evaluations, facts)
+        write_report(target, head, self, evaluations)
         return target
 
     def to_frame(self, recordings: RecordingInputs = ()) -> Any:

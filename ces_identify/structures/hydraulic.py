@@ -41,6 +41,7 @@ METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pu
 CURVES = 5
 SEARCH_SHARE, REFIT_SHARE = 0.75, 0.06  # of a time limit, for the search, and for each refit of the band
 ERRORS_TIMES = 8.0  # that finding standard errors takes as long as finding what is undetermined (measured: 6 to 7)
+DAMPER = "damper"  # the section of a page
 BLOCK_S = 1.0
 
 
@@ -163,7 +164,7 @@ def physical_table(body: Hydraulic, model: Model, runs: Sequence[SimulatedSeries
     rows = (_row(name, value, errors.get("quantities", {}).get(name, 0.0)) for name, value in values.items())
     table = text_table(("Quantity", "Value", "Standard error", "95\N{NO-BREAK SPACE}% interval"), rows)
     charts = (_steady_chart(body, model, errors), _setting_chart(body, errors), _valve_chart(body))
-    return Section("damper", "The damper", table, ABOUT if errors else NO_ERRORS, charts=charts)
+    return Section(DAMPER, "The damper", table, ABOUT if errors else NO_ERRORS, charts=charts)
 
 
 def _row(name: str, value: float, error: float) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, I
+from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.search import THESIS, Listener, SearchResult, clock_s
 from ces_identify.polynomial.constructed import find_time_constants, restrict_to_data
@@ -39,6 +40,8 @@ from ces_observer.structures.terms import Factor, Term
 from ces_report.table import BAR, Column, Section, Table
 from ces_report.typesetting import (
     UNITS,
+    Chart,
+    ChartCurve,
     Symbols,
     describe_signals,
     minus,
@@ -53,6 +56,8 @@ NO_MODEL_BY_THESIS = (
 )
 REFIT_STEPS = 8
 PROOF_ROOM = 0.003  # of the gain, between the probed inputs and all
+COSTS_BY_TERMS = "J_percent_by_terms"  # key of the provenance's selection: numbers of terms, each with a cost
+MIN_SIZES = 3  # of a chart
 MAX_BUILD_SHARE = 0.5  # of a time limit, to build the problem
 
 
@@ -71,6 +76,7 @@ def fit_polynomial(
     results = [f for f in search(problem, options.limits.within(end), listener) if f.cost < 100.0]
     if not results:
         raise CesError(NO_MODEL_BY_THESIS if options.limits.method == THESIS else NO_CANDIDATE)
+    by_terms = costs_by_terms(results)
     listener("fitting the chosen terms and proving stability")
     method = f"{options.limits.method}, judged by free run"
     how = {"method": method, "candidates": len(problem.candidates), "most_terms": options.limits.term_limit}
@@ -83,7 +89,16 @@ def fit_polynomial(
             how["not_proved"] = proof.doubt
     else:
         model, results = _best_model(problem, sampling, results, options.certificate)
+    how[COSTS_BY_TERMS] = sorted(({**by_terms, len(results[0].chosen): results[0].cost}).items())
     return Fitted(model, results, how, partial(_refit, problem, model, results[0].chosen))
+
+
+def costs_by_terms(results: Iterable[SearchResult]) -> dict[int, float]:
+    """Return the lowest selection cost [%] of the models that a search met, by their number of terms."""
+    costs: dict[int, float] = {}
+    for model in (model for start in results for model in (start, *start.met) if model.cost < 100.0):
+        costs[len(model.chosen)] = min(model.cost, costs.get(len(model.chosen), 100.0))
+    return costs
 
 
 def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
@@ -185,6 +200,10 @@ NOTE = (
     "RMS of each term along the free run over the {} recordings, and its ratio to the RMS of the simulated force; "
     "terms may cancel, so the shares need not add up to 100\N{NO-BREAK SPACE}%."
 )
+BY_TERMS = (
+    "The lowest J of the models of each size that the search met, before the last fit. {0} terms are within {1:.0f}"
+    "\N{NO-BREAK SPACE}% of the lowest: --terms {0} asks for so many at most."
+)
 NO_RUN = "–: no simulated force to compare a term with, since no recording was run or every run diverged at once."
 COLUMNS: tuple[Column[Sequence[str]], ...] = (
     Column("Regressor", itemgetter(0), css="formula"),
@@ -211,6 +230,24 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
     symbols = describe_symbols(polynomial.terms, model.sampling.rate_Hz)
     note = NOTE.format(role) if whole > 0.0 else NO_RUN
     return Section("terms", "Regressors", Table(COLUMNS, rows), note, equation, symbols)
+
+
+def size_sections(model: Model) -> list[Section]:
+    """Return the cost over the number of terms along the search, if the model is a polynomial whose file has it."""
+    known = model.provenance.get("selection", {}).get(COSTS_BY_TERMS, ())
+    if not isinstance(model.body, Polynomial) or len(known) < MIN_SIZES:
+        return []
+    terms, costs = np.array(known, np.float64).T
+    own = terms == len(model.body.terms)
+    enough = int(terms[costs <= (1.0 + ChoiceLimits.COST_TOLERANCE) * costs.min()][0])
+    ends, none = (float(terms[0]), float(terms[-1])), np.zeros(len(terms))
+    curves = (
+        ChartCurve("best of each size", terms, costs, none, ends, (terms, costs), "best of each size"),
+        ChartCurve("this model", terms[own], costs[own], none[own], ends, (terms[own], costs[own]), "this model"),
+    )
+    caption = BY_TERMS.format(enough, 100.0 * ChoiceLimits.COST_TOLERANCE)
+    chart = Chart("Cost over the number of terms", "Terms", "J on the selection ticks [%]", curves, caption)
+    return [Section("size", "Terms against cost", charts=(chart,))]
 
 
 def contributions(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSeries]) -> tuple[F, float]:

@@ -13,7 +13,7 @@ from ces_data.arrays import F
 from ces_identify.report.figures import coverage_map, error_map, make_grid
 from ces_observer.json_text import write_atomically
 from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, PlotMark, draw_plot
-from ces_report.shell import page_template, replace_unencodable
+from ces_report.shell import PageHead, page_template, replace_unencodable
 from ces_rig.experiments.commands import RigCommands, RigLimits
 from ces_rig.loop.identification import evaluate_fresh
 from ces_rig.loop.iterate import Iterations
@@ -36,7 +36,7 @@ def write_page(path: Path, iterations: Iterations) -> None:
     experiments = "1 experiment" if len(runs) == 1 else f"{len(runs)} experiments"
     target = f", target {plan.stop.target_J:g} %" if plan.stop.target_J else ""
     page = page_template("iterate.html.j2", "ces_rig.loop").render(
-        title=f"Iteration {path.absolute().parent.name}: {experiments} on the {kind} rig",
+        head=PageHead(f"Iteration {path.absolute().parent.name}: {experiments} on the {kind} rig"),
         headline=_headline(history),
         facts={
             "Experiments": f"{plan.experiments.kind}, {plan.experiments.duration_s:g} s each",

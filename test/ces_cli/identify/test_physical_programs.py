@@ -12,6 +12,7 @@ from ces_data.bags.writer import recording_topics, write_bag
 from ces_identify.report.page import write_report
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
+from ces_report.shell import PageHead
 
 pytestmark = pytest.mark.slow
 NETWORK = ("--structure", "hydraulic", "--kind", "uniflow", "--curves", 2)
@@ -59,5 +60,5 @@ def test_its_report_shows_the_damper_with_intervals_and_curves(taught):
 def test_a_model_without_standard_errors_has_the_section_too(work, taught):
     model, _ = taught
     replace(model, provenance={}).save(work / "bare.json")
-    write_report(work / "s.html", "A model", load_model(work / "bare.json"), [], {})
+    write_report(work / "s.html", PageHead("A model"), load_model(work / "bare.json"), [])
     assert "stored without standard errors" in (work / "s.html").read_text(encoding="utf-8")

@@ -25,19 +25,20 @@ from ces_gap.report.page import build_gap_steps, report_page
 from ces_gap.report.sentences import format_verdict
 from ces_gap.report.tables import cause_rows, effects_without_row
 from ces_gap.result_files import result_files
+from ces_report.shell import PageHead
 from ces_report.typesetting import format_number
 
 XHTML = "{http://www.w3.org/1999/xhtml}"
 
 SVG = "{http://www.w3.org/2000/svg}"
 
-FACTS = {"Date": "2025-03-14", "Command": "ces diagnose --sim model.json --real bags/*"}
+COMMAND = "ces diagnose --sim model.json --real bags/*"
 
 EVERY = {**ALL, "pair": pair}
 
 
 def page_of(d: Diagnosis) -> ET.Element:
-    return ET.fromstring(report_page(d, "Rear damper", FACTS))
+    return ET.fromstring(report_page(d, PageHead("Rear damper", command=COMMAND)))
 
 
 @cache
@@ -65,7 +66,7 @@ def length(element: ET.Element) -> float:
 
 @pytest.mark.parametrize("which", EVERY)
 def test_the_page_is_sound_and_begins_with_the_verdict(which: str) -> None:
-    assert_self_contained(report_page(EVERY[which](), "Rear damper", FACTS))
+    assert_self_contained(report_page(EVERY[which](), PageHead("Rear damper", command=COMMAND)))
     root, d = page(which), EVERY[which]()
     idents = [e.get("id") for e in root.iter() if e.get("id")]
     assert len(idents) == len(set(idents))
@@ -78,7 +79,7 @@ def test_the_page_is_sound_and_begins_with_the_verdict(which: str) -> None:
     header = words(next(iter(root.iter(f"{XHTML}header"))))
     assert d.sentence in header and "Next" in header
     notes = next(words(e) for e in root.iter(f"{XHTML}section") if e.get("id") == "notes")
-    assert d.simulation in notes and FACTS["Command"] in notes
+    assert d.simulation in notes and COMMAND in notes
     heading = {"named": "cause named", "ambiguous": "several causes fit"}.get(d.verdict, d.verdict.split("_")[-1])
     assert heading in header
 

@@ -12,6 +12,7 @@ from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.page import MAX_ROWS, choose_rows, format_page, peak_table, write_characteristics
 from ces_identify.characteristics.rows import TABLES
 from ces_identify.simulations.simulation import FunctionSimulation
+from ces_report.shell import PageHead
 from ces_report.typesetting import format_spread
 
 UNITS = {"_N": "N", "_J": "J", "_m": "m", "_s": "s", "_A": "A", "_Hz": "Hz", "_W": "W", "_m_s": "m/s", "_Ns_m": "Ns/m"}
@@ -34,7 +35,7 @@ def results():
 
 
 def test_tables_have_documented_columns_in_si_units(results, tmp_path):
-    files = write_characteristics(tmp_path / "out", results, command="ces characterise dyno")
+    files = write_characteristics(tmp_path / "out", results, PageHead(command="ces characterise dyno"))
     assert [f.name for f in files] == ["characteristics.html", *(f"{t}.csv" for t in TABLES), "columns.csv"]
     with (tmp_path / "out/columns.csv").open(encoding="utf-8", newline="") as file:
         described = list(csv.DictReader(file))
@@ -52,7 +53,7 @@ def test_tables_have_documented_columns_in_si_units(results, tmp_path):
 
 
 def test_the_page_shows_measured_beside_simulated(results):
-    page = format_page(results, "ces characterise dyno --model law")
+    page = format_page(results, PageHead(command="ces characterise dyno --model law"))
     assert len(page) < 1_500_000
     for text in ("peak velocity pick-up", "Work per cycle", "Response of the valve", "law [N]"):
         assert text in page
@@ -96,7 +97,7 @@ def test_the_page_without_cycles_says_so():
     rng = np.random.default_rng(1)
     t = np.arange(0.0, 15.0, 1e-3)
     x = 0.01 * np.convolve(rng.standard_normal(len(t)), np.hanning(200) / 8.0, "same")
-    page = format_page(characterise(recording_of(t, x, 0.5, 1000.0 * np.gradient(x, t), 5.0)))
+    page = format_page(characterise(recording_of(t, x, 0.5, 1000.0 * np.gradient(x, t), 5.0)), PageHead())
     assert "No cycle repeats at a constant current" in page
     assert "cannot know: the current has no steps" in page
     assert "Work per cycle" not in page
@@ -113,7 +114,7 @@ def test_values_are_rounded_to_their_spread(value, spread, text):
 @pytest.fixture(scope="module")
 def page(results, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
-    return write_characteristics(folder, results, command="ces characterise dyno --model law.py:force")[0]
+    return write_characteristics(folder, results, PageHead(command="ces characterise dyno --model law.py:force"))[0]
 
 
 @pytest.mark.slow

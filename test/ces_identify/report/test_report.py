@@ -21,9 +21,10 @@ from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 from ces_report.drawing import PlotAxis, band, line, panel
 from ces_report.plot import MAX_NAME, IntervalRow, draw_intervals
+from ces_report.shell import PageHead
 
 XHTML, SVG = "{http://www.w3.org/1999/xhtml}", "{http://www.w3.org/2000/svg}"
-FACTS = {"Date": "2025-03-14", "Command": "ces identify bags/sine --out model.json"}
+COMMAND = "ces identify bags/sine --out model.json"
 
 
 def unstable():
@@ -32,7 +33,7 @@ def unstable():
 
 def page(folder, evaluations, used=None, title="A model"):
     path = folder / "report.html"
-    write_report(path, title, used or model(), evaluations, FACTS)
+    write_report(path, PageHead(title, command=COMMAND), used or model(), evaluations)
     text = path.read_text(encoding="utf-8")
     return text, ET.fromstring(text)
 
@@ -100,7 +101,7 @@ def test_title_and_command_say_what_was_done(tmp_path, whole, both):
     root = whole[1]
     assert words(next(root.iter(f"{XHTML}title"))) == "A model: road (validation); sine (identification)"
     other = "ces identify bags/sine --out model_auto.json --structure auto"
-    assert [words(e) for e in root.iter(f"{XHTML}code")] == [other, FACTS["Command"]]
+    assert [words(e) for e in root.iter(f"{XHTML}code")] == [other, COMMAND]
     many = [replace(both[0], name=f"r{n}") for n in range(9)]
     _, root = page(tmp_path, many)
     assert "r0, r1, r2, r3, r4 and 4 more (identification)" in words(next(root.iter(f"{XHTML}title")))
@@ -321,7 +322,7 @@ def test_correlations_are_drawn_with_their_bands_and_told(whole, both):
 
 def test_weighted_cost_has_a_column_if_asked_for(tmp_path, both):
     path, weighting = tmp_path / "w.html", parse_weighting(["zero_crossing=3"])
-    write_report(path, "A model", model(), both, FACTS, weighting)
+    write_report(path, PageHead("A model"), model(), both, weighting=weighting)
     root = ET.fromstring(path.read_text(encoding="utf-8"))
     scored = both[1].series.scored
     expected = weighted_cost(

@@ -17,6 +17,7 @@ from ces_gap.report.page import report_page
 from ces_identify.report.figures import choose_window
 from ces_identify.report.page import write_report
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
+from ces_report.shell import PageHead
 
 MAX_DRAWING_S = 1.0
 COMMAND = "ces identify " + " ".join(f"bags/a_rather_long_name_of_a_recording_{n}" for n in range(9))
@@ -38,7 +39,7 @@ def evaluations():
 @pytest.fixture(scope="module")
 def report(evaluations, tmp_path_factory):
     path = tmp_path_factory.mktemp("pages") / "report.html"
-    write_report(path, "Model rear_damper.json", LONG, evaluations, {"Command": COMMAND})
+    write_report(path, PageHead("Model rear_damper.json", command=COMMAND), LONG, evaluations)
     return path
 
 
@@ -47,7 +48,7 @@ def pages(report):
     """A page of each kind."""
     folder = report.parent
     found = {"report": report, "gap": folder / "gap.html"}
-    found["gap"].write_text(report_page(named(), "Gap of model.json", {"Command": COMMAND}))
+    found["gap"].write_text(report_page(named(), PageHead("Gap of model.json", command=COMMAND)))
     return found
 
 
@@ -224,7 +225,7 @@ def test_without_a_script_the_page_is_whole(report):
 def small(tmp_path_factory):
     """The page of one recording."""
     path = tmp_path_factory.mktemp("small") / "report.html"
-    write_report(path, "Model a.json", model(), evaluate(model(), [damper("road")], VALIDATION), {})
+    write_report(path, PageHead("Model a.json"), model(), evaluate(model(), [damper("road")], VALIDATION))
     return path
 
 

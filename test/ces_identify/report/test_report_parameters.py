@@ -12,6 +12,7 @@ from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
+from ces_report.shell import PageHead
 
 
 def plain(markup):
@@ -38,7 +39,10 @@ def test_rules_are_named_by_their_memberships():
 @pytest.mark.parametrize(("model", "rows"), [(NETWORK, 4), (FUZZY, 2)])
 def test_the_page_is_whole_and_shows_the_table_in_place_of_terms(model, rows, tmp_path):
     write_report(
-        tmp_path / "r.html", "A model", model, evaluate(model, [prepare(planted(model, 1), SAMPLING)], VALIDATION), {}
+        tmp_path / "r.html",
+        PageHead("A model"),
+        model,
+        evaluate(model, [prepare(planted(model, 1), SAMPLING)], VALIDATION),
     )
     root = ET.fromstring((tmp_path / "r.html").read_text(encoding="utf-8"))
     sections = {s.get("id"): s for s in root.iter("{http://www.w3.org/1999/xhtml}section")}
@@ -58,7 +62,7 @@ def test_the_page_compares_structures_and_names_a_clearly_better_one(hydraulic, 
     }
     body = Polynomial((Term(-1.5, ()),))
     model = Model(SAMPLING, body, NETWORK.envelope, (-1, 1), provenance={"selection": selection})
-    write_report(tmp_path / "r.html", "A model", model, [], {})
+    write_report(tmp_path / "r.html", PageHead("A model"), model, [])
     root = ET.fromstring((tmp_path / "r.html").read_text(encoding="utf-8"))
     section = next(s for s in root.iter("{http://www.w3.org/1999/xhtml}section") if s.get("id") == "structures")
     rows = [["".join(cell.itertext()) for cell in row] for row in section.iter("{http://www.w3.org/1999/xhtml}tr")]
@@ -69,5 +73,5 @@ def test_the_page_compares_structures_and_names_a_clearly_better_one(hydraulic, 
 
 def test_a_model_without_a_comparison_has_no_such_section(tmp_path):
     model = Model(SAMPLING, Polynomial((Term(-1.5, ()),)), NETWORK.envelope, (-1, 1))
-    write_report(tmp_path / "r.html", "A model", model, [], {})
+    write_report(tmp_path / "r.html", PageHead("A model"), model, [])
     assert 'id="structures"' not in (tmp_path / "r.html").read_text(encoding="utf-8")

@@ -28,6 +28,7 @@ from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate
 from ces_observer.records import bounded
 from ces_observer.structures.structure import Structure
+from ces_report.shell import PageHead
 from ces_report.table import parameter_section
 
 
@@ -172,5 +173,5 @@ def test_it_is_identified_by_its_name_and_reported(tmp_path):
     assert found.model.body.viscosity == pytest.approx(400.0, rel=0.05)
     assert found.model.certificate["viscosity_Ns_m"] == found.model.body.viscosity
     assert found.model.provenance["selection"]["method"] == "least squares"
-    write_report(tmp_path / "r.html", "Dashpot", found.model, found.evaluations, {})
+    write_report(tmp_path / "r.html", PageHead("Dashpot"), found.model, found.evaluations)
     assert "A dashpot." in (tmp_path / "r.html").read_text(encoding="utf-8")
