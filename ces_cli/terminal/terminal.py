@@ -28,6 +28,7 @@ from rich.table import Column, Table
 from ces_cli.terminal.heartbeat import heartbeat
 from ces_cli.terminal.options import Argument, OptionRule, ProgramRequest, find_given, require_applicable
 from ces_data.bags.reader import LogTimeWarning, read_recording
+from ces_data.compilation import CompilationNotice
 from ces_data.findings import require_usable
 from ces_data.log_formats import is_log
 from ces_data.reading import read_log
@@ -288,6 +289,7 @@ def _measure_width(columns: Sequence[Column], table: Table) -> int:
 def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None = None) -> int:
     """Run `program`; a user's mistake gives one line on stderr and exit status 2, Ctrl-C gives status 130."""
     _said.clear()
+    notice = CompilationNotice(print_warning)
     try:
         accept_all_characters()
         interrupt_as_exception()
@@ -307,6 +309,8 @@ def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequenc
             raise
         _print_error(name, "interrupted")
         return INTERRUPTED
+    finally:
+        notice.close()
     return USER_ERROR
 
 

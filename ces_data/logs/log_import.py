@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,12 +11,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from ces_data.bags.reader import sort_late_samples
+from ces_data.bags.reader import RecordingWarning, sort_late_samples
 from ces_data.limits import TableLimits
 from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog, open_log
 from ces_data.logs.log_mapping import ONE_TIME, DynoMapping, FileNameValue, FixedValue, LogColumn, MappingError
 from ces_data.recording import Channel, Recording, Stamps, Values
-from ces_data.samples import with_stroke
+from ces_data.samples import INTEGRATED, with_stroke
 from ces_data.units import QUANTITIES, find_unit, split_unit
 from ces_observer.errors import RecordingError
 from ces_observer.signals import MOTIONS, UNITS
@@ -36,7 +37,15 @@ def import_log(path: Path, mapping: DynoMapping) -> Recording:
 
 def to_recording(log: LogTable | TimedLog, mapping: DynoMapping) -> Recording:
     """Return the signals that the mapping finds in an open log, as `import_log` does."""
-    return Recording.join(list(read_blocks(log, mapping)))
+    return join_blocks(list(read_blocks(log, mapping)))
+
+
+def join_blocks(blocks: Sequence[Recording]) -> Recording:
+    """Return the recording of a log's blocks; warns if its stroke is an integral."""
+    recording = Recording.join(blocks)
+    if "speed" in recording.channels.keys() - recording.optional:
+        warnings.warn(f"{recording.name}: {INTEGRATED}", RecordingWarning, stacklevel=2)
+    return recording
 
 
 def read_blocks(log: LogTable | TimedLog, mapping: DynoMapping) -> Iterator[Recording]:

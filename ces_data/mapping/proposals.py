@@ -16,13 +16,14 @@ import yaml
 from ces_data.logs.can import CanLog
 from ces_data.logs.csv import CsvTable
 from ces_data.logs.log_file import LogTable, Progress, TimedLog, open_log
-from ces_data.logs.log_import import read_blocks
+from ces_data.logs.log_import import join_blocks, read_blocks
 from ces_data.logs.log_mapping import DynoMapping, LogColumn, parse_dyno_mapping
 from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates, find_log_candidates
 from ces_data.mapping.choice import Choice, NotFound, Selection, choose
-from ces_data.mapping.rating import Candidate, Rating
+from ces_data.mapping.rating import Candidate, Rating, read_meaning
 from ces_data.recording import Recording
 from ces_observer.errors import OptionName, RecordingError
+from ces_observer.signals import MOTIONS
 
 WIDTH = 110
 MAX_OTHERS = 4
@@ -114,7 +115,7 @@ class MappingProposal:
 
     def read(self) -> Recording:
         """Return the log as a recording; raises RecordingError if the mapping is not complete and certain."""
-        return Recording.join(list(self.blocks()))
+        return join_blocks(list(self.blocks()))
 
     def blocks(self) -> Iterator[Recording]:
         """Yield the same in blocks, as `read_blocks` does."""
@@ -233,11 +234,23 @@ class _MappingWriter:
             yield self.found.time_text
         for choice in (self.choices[signal] for signal in self.choices if signal in TAKEN):
             remark = describe_scale(choice) or (choice.unit.text if choice.unit else "")
-            yield f"{choice.signal} from '{choice.candidate.label}'" + (f" [{remark}]" if remark else "")
+            beside = " to check the position with" if choice.signal == "speed" and "position" in self.choices else ""
+            yield f"{choice.signal} from '{choice.candidate.label}'" + (f" [{remark}]" if remark else "") + beside
+        yield from self._unused_motions()
         if self.amperes:
             yield f"current {self.amperes.group(1)} A from the file's name"
         if self.blanks:
             yield f"blank cells are missing samples ({self.blanks})"
+
+    def _unused_motions(self) -> Iterator[str]:
+        """Yield which speeds and accelerations were not taken."""
+        taken = {choice.candidate.label for choice in self.choices.values()}
+        for candidate in self.found.candidates:
+            quantity = candidate.unit.quantity if candidate.unit else read_meaning(candidate.names).quantity
+            if quantity in MOTIONS and candidate.label not in taken:
+                contrary = quantity == "speed" and "position" in self.choices and "speed" not in self.choices
+                why = ", it does not go as the position does" if contrary else ""
+                yield f"'{candidate.label}' ({quantity}) not used{why}"
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file."""
