@@ -31,7 +31,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "damper_observer health control nodes"
     ),
     "ces_data": (
-        "limits arrays waveforms compilation recording config_file log_formats units findings samples bags "
+        "limits outputs arrays waveforms compilation recording config_file log_formats units findings samples bags "
         "signals_file logs checks mapping tables frames reading"
     ),
     "ces_report": ("typesetting table drawing shell figure plot"),
@@ -68,14 +68,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 141.8,
-    "ces_data": 102.2,
+    "ces_data": 103.1,
     "ces_report": 13.1,
-    "ces_identify": 175.7,
+    "ces_identify": 177.3,
     "ces_rig": 71.9,
     "ces_gap": 127.8,
-    "ces_cli": 72.8,
+    "ces_cli": 71.8,
     "bench": 72.3,
-    "test": 464.5,
+    "test": 464.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

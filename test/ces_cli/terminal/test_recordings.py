@@ -11,7 +11,8 @@ from programs import error_line
 
 from ces import Recording
 from ces_cli.main import main
-from ces_cli.terminal.inputs import find_bag, find_bags, with_distinct_names
+from ces_cli.terminal.inputs import find_bag, with_distinct_names
+from ces_data.bags.find import find_bags
 from ces_observer.errors import CesError
 
 ROOT = Path(__file__).resolve().parents[3]
