@@ -39,7 +39,8 @@ MAPPING_HEAD = """\
 """
 AMPERES = re.compile(r"(?<![0-9.])([0-9]+(?:\.[0-9]+)?) ?A(?![A-Za-z0-9])")
 NAME_PATTERN = '"([0-9]+(?:[.][0-9]+)?) ?A(?![A-Za-z0-9])"'
-NO_TIME = "no column is named like a time and goes forward; give --rate HZ"
+GIVE_RATE = "; give --rate HZ"
+NO_TIME = f"no column is named like a time and goes forward{GIVE_RATE}"
 REQUIRED = ("position", "current", "force")
 TAKEN = (*REQUIRED, "speed")
 
@@ -217,7 +218,9 @@ class _MappingWriter:
         if not candidates.time_text:
             self.missing.append(f"time: {candidates.unread.get('time', NO_TIME)}")
         self.doubts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
-        self.remarks = tuple(f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses)
+        guesses = [f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses]
+        unread = [m for m in self.absent if m.signal in optional and m.signal in candidates.unread]
+        self.remarks = (*guesses, *(f"{m.signal}: {m.reason}; it is not read" for m in unread))
         if candidates.time_doubt:
             self.doubts.append(candidates.time_doubt)
         if names and not damper:

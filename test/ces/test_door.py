@@ -174,7 +174,10 @@ MISTAKES = {
     "no force": (lambda m, r: ces.identify(without_force()), "arrays: force: nothing is named like it"),
     "mm as m": (lambda m, r: ces.identify(columns(position_m=1e3 * X)), "more than any damper"),
     "backward times": (lambda m, r: ces.identify(columns(time_s=T[::-1])), "newest row is first; reverse the rows"),
-    "text as force": (lambda m, r: ces.identify(columns(force_N=["a"] * len(T))), "force: column 'force_N' is"),
+    "text as force": (
+        lambda m, r: ces.identify(columns(force_N=["a"] * len(T))),
+        "force: row 0 of column 'force_N' is 'a'; expected a number",
+    ),
     "lengths": (lambda m, r: ces.identify(columns(force_N=FORCE[1:])), "has 2999 values for 3000 rows"),
     "nothing to simulate": (lambda m, r: m.simulate(T), "expected a recording, a path"),
     "two recordings": (lambda m, r: m.simulate([r, r]), "2 recordings given; expected one"),
