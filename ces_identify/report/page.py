@@ -28,7 +28,6 @@ from ces_identify.report.steady import steady_section
 from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
-from ces_identify.structures.hydraulic import DAMPER
 from ces_identify.structures.polynomial import COSTS_BY_TERMS, size_sections
 from ces_identify.validation.cost_table import cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
@@ -100,6 +99,7 @@ def write_report(
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
         pooled=pool_evaluations(held_out) if all(math.isfinite(e.cost) for e in held_out) else None,
         interval=interval_text,
+        percent=percent,
         bad=lambda e: "" if math.isfinite(e.cost) else "bad",
         structures=text_table(
             ("Structure", "J on data left out [%]"), [(name, three_figures(cost)) for name, cost in structures.items()]
@@ -125,12 +125,11 @@ def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int
     """Return the recordings, the model's table with its charts, and the maps."""
     held_out = [e for e in ordered if e.role == VALIDATION]
     section = model_section(model, held_out or ordered, VALIDATION if held_out else IDENTIFICATION)
-    family = [steady_section(model, ordered)] if ordered and section.ident != DAMPER else []
-    first, own = ([section], []) if section.ident == DAMPER else (family, [section, *size_sections(model)])
+    first = [steady_section(model, ordered)] if ordered else []
     return {
         "recordings": [_draw_recording(i, ordered[i], model, points) for i in drawn],
         "first_sections": [(one, draw_section(one)) for one in first],
-        "model_sections": [(one, draw_section(one)) for one in own],
+        "model_sections": [(one, draw_section(one)) for one in (section, *size_sections(model))],
         "maps": _draw_maps(ordered, model),
     }
 
@@ -182,7 +181,7 @@ def _draw_recording(number: int, evaluation: Evaluation, model: Model, max_point
     return {
         "number": number,
         "evaluation": evaluation,
-        "cost": percent(evaluation.cost),
+        "cost": percent(evaluation.cost, evaluation.interval),
         "correlations": correlation_figure(f"rc{number}", tests, evaluation.name) if tests else None,
         "verdicts": verdicts(tests) if tests else (),
         "window": window,
