@@ -44,14 +44,15 @@ from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
 from ces_report.plot import draw_section, share_points
 from ces_report.shell import PageHead, format_key, page_template, replace_unencodable
-from ces_report.table import text_table
+from ces_report.table import Table, text_table
 from ces_report.typesetting import join_names, minus, three_figures
 
 ROLES = (VALIDATION, IDENTIFICATION)
 MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 COSTS = "cost_J_percent"  # key in the provenance; the first table shows them
-MARKS = "marks"  # key of the hashes in the provenance by which copies and parts of recordings are recognised
+LISTED = (COSTS, IDENTIFICATION, VALIDATION, "usage")  # keys of the provenance; tables show them
+HASH_DIGITS = 16
 SHOWN_ABOVE = (COSTS_BY_TERMS, ERRORS, UNDETERMINED, "structure", "structures", REASON)  # of the selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 NO_CERTIFICATE = (
@@ -87,7 +88,11 @@ def write_report(
         answers=summarize_model(model, ordered, _format_headline(ordered, held_out, model), head.command),
         picture=_draw_first(ordered),
         warnings=_format_warnings(ordered),
-        facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **(facts or {})},
+        facts={
+            "Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz",
+            "Identified by": str(model.provenance.get("tool", "")) or "not known",
+            **(facts or {}),
+        },
         model=model,
         costs=cost_table(
             ordered,
@@ -108,6 +113,7 @@ def write_report(
         **_draw_model(model, ordered, drawn, points),
         drawn=drawn,
         most_dots=MAX_DOTS,
+        sources=_list_sources(model),
         settings=_settings(model),
         history=_history(model),
     )
@@ -223,18 +229,23 @@ def _settings(model: Model) -> dict[str, Any]:
     }
 
 
+def _list_sources(model: Model) -> Table[Sequence[str]]:
+    """Return the recordings in a model's provenance: what they were used for, their day and the hash of their bytes."""
+
+    def row(role: str, one: Mapping[str, Any]) -> tuple[str, ...]:
+        first, last = one.get("share") or (0.0, 1.0)
+        part = "" if last - first >= 1.0 else f", {100.0 * first:.0f} to {100.0 * last:.0f} %"
+        return str(one["recording"]), f"{role}{part}", str(one.get("day", "")), str(one.get("sha256", ""))[:HASH_DIGITS]
+
+    rows = [row(role, one) for role in (IDENTIFICATION, VALIDATION) for one in model.provenance.get(role, ())]
+    return text_table(("Recording", "Used for", "Recorded", "sha256"), rows, left=4)
+
+
 def _history(model: Model) -> dict[str, Any]:
     """Return the longer entries of the provenance, without those shown in sections of their own."""
-    longer = {key: _without_marks(v) for key, v in model.provenance.items() if key != COSTS and not _fits_on_line(v)}
+    longer = {key: v for key, v in model.provenance.items() if key not in LISTED and not _fits_on_line(v)}
     shown = {key: value for key, value in longer.pop("selection", {}).items() if key not in SHOWN_ABOVE}
     return longer | ({"selection": shown} if shown else {})
-
-
-def _without_marks(entry: Any) -> Any:
-    """Return an entry of the provenance without the marks of its recordings, which say nothing to a reader."""
-    if isinstance(entry, Mapping):
-        return {key: _without_marks(value) for key, value in entry.items() if key != MARKS}
-    return [_without_marks(value) for value in entry] if isinstance(entry, list | tuple) else entry
 
 
 def _fits_on_line(item: object) -> bool:
