@@ -141,6 +141,7 @@ setup(
         "mcap>=1.1",  # with lz4 and zstandard
         "zstandard>=0.15",
         "joblib>=1.3",
+        "threadpoolctl>=3.1",
     ],
     extras_require={
         "bench": [

@@ -105,14 +105,13 @@ def compare(
     models: Mapping[str, SimulationInput],
     recordings: RecordingInputs,
     *,
-    part: tuple[float, float] = (0.0, 1.0),
     report: PathInput | None = None,
     title: str = "",
     note: str = "",
 ) -> Comparison:
     """Compare models or other simulations, by name, on the same recordings; write the page to `report`, if given.
 
-    Only the `part` (shares from 0 to 1) of each recording is scored. The result's `pairs` say of every two whether
+    The result's `pairs` say of every two whether
     their costs differ by more than chance, its `notes()` which costs are no test. Raises CesError for fewer than two.
     """
     from ces_data.reading import as_path, as_recordings
@@ -122,7 +121,7 @@ def compare(
 
     named = [make_compared_model(name, simulation) for name, simulation in _open_named("models", models).items()]
     given = as_recordings(recordings)
-    result = compare_models(named, given, part)
+    result = compare_models(named, given)
     if report is not None:
         write_comparison(as_path(report, "report"), result, _head(title, note, given))
     return result
@@ -174,13 +173,15 @@ def diagnose(
     from ces_gap.inputs.checks import check_recordings
     from ces_gap.progress import ignore_progress
     from ces_gap.result_files import result_files
+    from ces_identify.numerics.least_squares import one_blas_thread
 
     how = _diagnose_options(options)
     subject, name = _open(simulation)
     recordings = as_recordings(real)
     kept, references = (as_recordings(some, required=False) for some in (held_out, reference))
     notes = check_recordings(recordings, kept, references)
-    result = pipeline.diagnose(subject, name, recordings, kept, references, how, progress or ignore_progress)
+    with one_blas_thread():
+        result = pipeline.diagnose(subject, name, recordings, kept, references, how, progress or ignore_progress)
     result = replace(result, notes=(*notes, *result.notes))
     if out is not None:
         head = _head(title, note, [*recordings, *kept, *references])
@@ -211,13 +212,15 @@ def calibrate(
     from ces_gap.inputs.checks import check_recordings
     from ces_gap.progress import ignore_progress
     from ces_gap.report.calibration import calibration_files
+    from ces_identify.numerics.least_squares import one_blas_thread
 
     subject, name = _open(simulation)
     recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
     for text in check_recordings(recordings, kept, []):
         warnings.warn(text, stacklevel=2)
     names = [fit] if isinstance(fit, str) else fit
-    result = calibrate_simulation(subject, name, recordings, kept, names, progress or ignore_progress)
+    with one_blas_thread():
+        result = calibrate_simulation(subject, name, recordings, kept, names, progress or ignore_progress)
     if out is not None:
         head = _head(title, note, [*recordings, *kept])
         used = {"real": recordings, "held_out": kept}

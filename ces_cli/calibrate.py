@@ -10,7 +10,19 @@ from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bags, open_simulation
-from ces_cli.terminal.options import FIT, HELD_OUT, JSON, NOTE, OVERWRITE, REAL, SIGNALS, TITLE, ProgramRequest, option
+from ces_cli.terminal.options import (
+    FIT,
+    HELD_OUT,
+    JSON,
+    NOTE,
+    OVERWRITE,
+    PART,
+    REAL,
+    SIGNALS,
+    TITLE,
+    ProgramRequest,
+    option,
+)
 from ces_cli.terminal.outputs import OUT, print_document, require_outputs
 from ces_cli.terminal.progress import DiagnoseProgress
 from ces_data.recording import describe_days
@@ -33,6 +45,7 @@ class CalibrateRequest(ProgramRequest):
     held_out: tuple[str, ...] = declare(HELD_OUT)
     fit: tuple[str, ...] = declare(FIT)
     signals: Path | None = declare(SIGNALS)
+    part: tuple[float, ...] = declare(PART)
     out: Path = option(meaning="folder to write, created if necessary", metavar="DIR")
     title: str = declare(TITLE)
     note: str = declare(NOTE)
@@ -47,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     signals = load_signals(request.signals)
     simulation = open_simulation(request.sim)
     real, held_out = (
-        [terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(words)]
+        [terminal.read_one(path, signals, terminal.FORCE, request.part) for path in find_bags(words)]
         for words in (request.real, request.held_out)
     )
     for text in check_recordings(real, held_out, []):

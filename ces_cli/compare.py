@@ -52,7 +52,7 @@ class CompareRequest(ProgramRequest):
 
     words: tuple[str, ...] = argument((), WORDS, metavar="SIM|BAG", count="+")
     signals: Path | None = declare(SIGNALS)
-    part: tuple[float, float] = declare(PART)
+    part: tuple[float, ...] = declare(PART)
     report: Path | None = declare(REPORT)
     title: str = declare(TITLE)
     note: str = declare(NOTE)
@@ -75,11 +75,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not bags:
         raise CesError(f"no recording given; {USAGE}")
     signals = load_signals(request.signals)
-    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(bags)}
+    recordings = {path: terminal.read_one(path, signals, terminal.FORCE, request.part) for path in find_bags(bags)}
     findings = print_findings(list(recordings.values()))
     models = [read_predictions(model, recordings, signals) for model in models]
-    with terminal.err.status("comparing") as status:
-        comparison = compare(models, list(recordings.values()), request.part, announce=status.update)
+    with terminal.step("comparing") as say:
+        comparison = compare(models, list(recordings.values()), announce=say)
     if report is not None:
         command, recorded = terminal.command_line("compare", argv), describe_days(recordings.values())
         comparison_report.write_comparison(report, comparison, PageHead(request.title, request.note, command, recorded))

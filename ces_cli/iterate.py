@@ -94,6 +94,8 @@ def _write_results(iterations: Iterations) -> None:
 class IterateProgress(LiveBar, IterateListener):
     """Shows an iteration; `listen_search` may be called from any thread."""
 
+    estimates = False  # the budget is in seconds recorded
+
     def __init__(self, budget_s: float, lines_to: Console) -> None:
         columns = (TextColumn("{task.completed:.0f} of {task.total:.0f} s recorded"), TimeElapsedColumn())
         super().__init__("iterating", *columns, total=budget_s, text="(Ctrl-C stops; the same command goes on)")
@@ -111,12 +113,11 @@ class IterateProgress(LiveBar, IterateListener):
         self.show(self._recorded_s, self._step)
         self.log(f"{self.elapsed_s:5.0f} s  {self._step}")
 
-    def listen_search(self, result: SearchResult) -> None:
-        """Show the newest cost of the search."""
+    def listen_search(self, news: SearchResult | str) -> None:
+        """Show the newest cost of the search, or what is done beside it."""
         with self._lock:
-            text = f"{self._step}: selection cost J = {result.cost:.2f} %"
-            self.show(self._recorded_s, text)
-            self.log_seldom(text)
+            text = news if isinstance(news, str) else f"selection cost J = {news.cost:.2f} %"
+            self.show(self._recorded_s, f"{self._step}: {text}")
 
     def finish(self, iteration: Iteration) -> None:
         """Print the result of an iteration."""

@@ -24,6 +24,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
+from ces_cli.terminal.heartbeat import heartbeat
 from ces_identify.jobs import end_process
 from ces_observer import __version__
 from ces_observer.errors import CesError
@@ -120,10 +121,13 @@ def _run_program(name: str, load: Callable[[], Program], words: Sequence[str]) -
     with suppress(OSError, AttributeError, TypeError):  # only glibc keeps freed memory of this size for later
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
     require_folder_for_compiled_code()
-    from ces_cli.terminal.terminal import run
-
     try:
-        return run(name, load(), words)
+        with heartbeat.beat(f"ces {name}: starting"):
+            from ces_cli.terminal.terminal import run
+
+            program = load()
+            heartbeat.change(f"ces {name}: working")
+            return run(name, program, words)
     finally:
         for number in before.keys() - {signal.SIGINT}:  # Ctrl-C while Python ends is no error
             signal.signal(number, before[number] or signal.SIG_DFL)

@@ -86,7 +86,7 @@ def _record(request: RigRequest, name: str, out: Path) -> None:
     if request.seed is not None:
         experiment = with_seed(experiment, request.seed)
     signals = load_signals(request.signals)
-    with terminal.err.status(f"running {experiment.settings.name}"):
+    with terminal.step(f"running {experiment.settings.name}"):
         recording = run(experiment)
     topics = recording_topics(recording, signals)
     if not topics:

@@ -67,9 +67,23 @@ def require_usable(recording: Recording) -> tuple[Finding, ...]:
 
 
 def mean_rate(channel: Channel) -> float:
-    """Return the mean rate [Hz] of a channel over its whole span; 0 if the span is empty."""
-    span = int(channel.stamps_ns.max() - channel.stamps_ns.min()) if len(channel) else 0
-    return (len(channel) - 1) * SECOND / span if span else 0.0
+    """Return the mean rate [Hz] of a channel between its pauses; 0 if its span is empty."""
+    return rate_between_pauses(channel.stamps_ns)
+
+
+def rate_between_pauses(stamps_ns: Stamps) -> float:
+    """Return the mean rate [Hz] of stamps (n,) in any order, without pauses; 0 if their span is empty.
+
+    A pause is longer than 20 median intervals, and rare or longer than 0.5 s: samples may come in batches.
+    """
+    steps = np.diff(stamps_ns if (stamps_ns[1:] >= stamps_ns[:-1]).all() else np.sort(stamps_ns))
+    if not len(steps):
+        return 0.0
+    pauses = steps > RecordingLimits.USUAL_INTERVALS * np.median(steps)
+    if pauses.mean() > RecordingLimits.RARE_SHARE:
+        pauses &= steps > RecordingLimits.MISSING_S * SECOND
+    span = int(steps[~pauses].sum())
+    return float((~pauses).sum() * SECOND / span) if span else 0.0
 
 
 def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:

@@ -49,7 +49,7 @@ def read_frame(
     if doubts:
         raise RecordingError(f"{name}: {doubts[0]}; say which it is: {EXAMPLE}")
     for remark in proposal.remarks:
-        warnings.warn(f"{name}: {remark}; taken as it is", stacklevel=4)
+        warnings.warn(f"{name}: {remark}", stacklevel=4)
     return to_recording(log, parse_mapping_without_force(content, name))
 
 

@@ -26,6 +26,7 @@ class RecordingLimits:
     RATE_RATIO = 100.0  # between two signals: a force at 10 Hz says nothing about a stroke at 1 kHz
     MISSING_SHARE = 0.01  # of the position's span, without current
     MISSING_S, USUAL_INTERVALS = 0.5, 20.0  # [s] without samples, and in median intervals: a signal is absent
+    RARE_SHARE = 0.01  # of the intervals, up to which long ones are pauses; more are those between batches
     EDGE_S = 1.0  # [s] at both ends, where topics start and stop
     GAP_INTERVALS = 5.0  # median intervals: a longer one is a gap
     MAX_INTERVAL = 1.75  # of the usual one: between 1, and the 2 of a lost sample
@@ -223,6 +224,8 @@ class TableLimits:
     MIN_STEP_S, MAX_STEP_S = 1e-6, 0.1  # [s] of a time without a unit: others are days, ms or numbers of rows
     MAX_ROWS_PER_TIME = 1.5  # more are too coarse to tell one row from the next
     MIN_APART, MAX_APART = 0.05, 100.0  # steps between two times in a row: those of two signals, or two clocks
+    MAX_ZERO_SHARE = 0.2  # of a file's bytes, that serial lines add to a text; more are binary numbers
+    BLOCK_GAP_S = 1.0  # [s] at least between blocks of a table; ten intervals of the slowest rate are a gap
     MIN_MIXED = 3  # cells with either mark, for a doubt which one is that of decimals
     SIMILAR_NAME = 0.7  # by difflib: 'postion' and 'position' are 0.93, 'seed' and 'speed' 0.89
 

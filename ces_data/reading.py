@@ -42,12 +42,13 @@ def read_log(
     mapping: PathInput | None = None,
     need: Sequence[str] = SIGNALS,
     say: Callable[[str], None] = lambda found: None,
+    take: Callable[[Recording], Recording] = lambda whole: whole,
 ) -> Recording:
     """Read and check a log of any format that `ces import` reads.
 
     `mapping` is its mapping file. Without one, the columns are found by their names, units and numbers, as `ces import`
-    does, and `say` is told what was taken. A force that is not in `need` may be missing. Raises CesError, also where
-    what was found is not certain.
+    does, and `say` is told what was taken; what `take` leaves of it is checked. A force that is not in `need` may be
+    missing. Raises CesError, also where what was found is not certain.
     """
     path = as_path(path, "log")
     if mapping is not None:
@@ -56,8 +57,8 @@ def read_log(
     recording = _with_hash(proposal.read(), split_damper(path)[0])
     say(", ".join(proposal.found))
     for remark in proposal.remarks:
-        warnings.warn(f"{path}: {remark}; taken as logged", stacklevel=2)
-    return _check(recording)
+        warnings.warn(f"{path}: {remark}", stacklevel=2)
+    return _check(take(recording))
 
 
 def as_recordings(

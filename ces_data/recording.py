@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from math import inf
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,8 @@ CALENDAR_NS = 1_009_843_200_000_000_000  # 2002-01-01 UTC: what counts from zero
 
 Stamps = NDArray[np.int64]
 Values = NDArray[np.float64]
+MAX_S = 1e9  # [s] longer than any recording
+MIN_SAMPLES = 2  # of a position, to be a motion
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,35 @@ class Recording:
         first_ns = min((int(c.stamps_ns.min()) for c in self.channels.values() if len(c)), default=0)
         return f"{datetime.fromtimestamp(1e-9 * first_ns, UTC):%Y-%m-%d}" if first_ns >= CALENDAR_NS else ""
 
-    def part(self, first: float, last: float) -> Recording:
+    @property
+    def duration_s(self) -> float:
+        """Time [s] from the first to the last position sample."""
+        stamps = self.channels["position"].stamps_ns if "position" in self.channels else ()
+        return float(np.ptp(stamps)) * 1e-9 if len(stamps) else 0.0
+
+    def part(self, from_s: float = 0.0, to_s: float = inf) -> Self:
+        """Return the samples from `from_s` up to `to_s` after the first position sample. Raises RecordingError."""
+        if not all(isinstance(end, int | float) for end in (from_s, to_s)) or not 0.0 <= from_s < to_s:
+            raise RecordingError(f"{self.name}: no part from {from_s} s to {to_s} s; expected 0 <= from < to")
+        if from_s > self.duration_s:
+            raise RecordingError(
+                f"{self.name}: no part from {from_s:g} s to {to_s:g} s; it has {self.duration_s:.3f} s"
+            )
+        if from_s == 0.0 and to_s > self.duration_s:
+            return self
+        begin, span = int(self.channel("position").stamps_ns.min()), f"{from_s:g}-{min(to_s, self.duration_s):.3g} s"
+        taken = self.between(begin + _to_ns(from_s), begin + _to_ns(to_s))
+        if (count := len(taken.channels["position"])) < MIN_SAMPLES:
+            holds = f"holds {count} position samples; expected at least {MIN_SAMPLES}"
+            raise RecordingError(f"{self.name}: the part from {from_s:g} s to {to_s:g} s {holds}")
+        return replace(taken, name=f"{self.name} {span}", sha256="")
+
+    def between(self, start_ns: int, stop_ns: int) -> Self:
+        """Return the samples with stamps from `start_ns` up to `stop_ns`."""
+        inside = {name: (c.stamps_ns >= start_ns) & (c.stamps_ns < stop_ns) for name, c in self.channels.items()}
+        return replace(self, channels={name: c.select(inside[name]) for name, c in self.channels.items()})
+
+    def share(self, first: float, last: float) -> Self:
         """Return the recording from the share `first` to the share `last` of the position samples."""
         if first <= 0.0 and last >= 1.0:
             return self
@@ -114,6 +146,11 @@ class Recording:
             for name, c in self.channels.items()
         }
         return replace(self, channels=channels)
+
+
+def _to_ns(time_s: float) -> int:
+    """Return seconds after the start of a recording as whole nanoseconds."""
+    return round(1e9 * min(time_s, MAX_S))
 
 
 def describe_days(recordings: Iterable[Recording]) -> str:

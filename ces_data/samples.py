@@ -156,7 +156,7 @@ def mask_lost(recording: Recording, name: str, dropouts: bool = True) -> Channel
 
 def without_spikes(recording: Recording, split: float = 1.0, dropouts: bool = True) -> Recording:
     """Return the recording with all channels as `mask_lost`; its parts before and after `split` are judged alone."""
-    parts = [recording] if split >= 1.0 else [recording.part(0.0, split), recording.part(split, 1.0)]
+    parts = [recording] if split >= 1.0 else [recording.share(0.0, split), recording.share(split, 1.0)]
     cleaned = [replace(p, channels={name: mask_lost(p, name, dropouts) for name in p.channels}) for p in parts]
     return Recording.join(cleaned)
 

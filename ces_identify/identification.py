@@ -128,7 +128,8 @@ def identify(
     """
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
-    identified = [without_spikes(recording.part(0.0, options.share(validation))) for recording in recordings]
+    listener("preparing the recordings")
+    identified = [without_spikes(recording.share(0.0, options.share(validation))) for recording in recordings]
     motion = choose_motion(recordings, options.speed)
     sampling = choose_sampling(identified, options.rate, options.delay, motion)
     return _identify_at(sampling, recordings, validation, options, listener, fitter)
@@ -159,9 +160,11 @@ def _identify_at(
         raise RecordingError(f"{', '.join(s.name for s in whole)}: {text}: record longer (are the times in s?)")
     fitted = fitter(identified, sampling, options, listener)
     require_shown_cost(fitted, identified, options)
+    listener("fitting the band")
     how = fitted.refit, fitted.leave_out_recordings, options.limits.threads
     band = fit_band(fitted.model, identified, *how) if options.band else None
     model = replace(with_forgetting(fitted.model, identified, options.forget), band=band)
+    listener("evaluating the model")
     later = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
     held_out = [series for series in later if series.scored.sum() >= TickLimits.MIN_SCORED]
     held_out += [prepare(recording, sampling) for recording in validation]
@@ -169,7 +172,7 @@ def _identify_at(
     provenance = {
         "tool": f"ces_observer {__version__}",
         "identification": [
-            _describe_origin(r) | {"share": [0.0, split], "marks": " ".join(marks_of_copies(r.part(0.0, split)))}
+            _describe_origin(r) | {"share": [0.0, split], "marks": " ".join(marks_of_copies(r.share(0.0, split)))}
             for r in recordings
         ],
         "validation": [_describe_origin(r) for r in validation],
@@ -297,13 +300,9 @@ def split_folds(recordings: Sequence[Recording], folds: int) -> list[Fold]:
 
 def cut_recording(recording: Recording, start_ns: int, stop_ns: int) -> Recording:
     """Return the samples with stamps from `start_ns` up to `stop_ns` as a recording."""
-    channels = {
-        name: channel.select((channel.stamps_ns >= start_ns) & (channel.stamps_ns < stop_ns))
-        for name, channel in recording.channels.items()
-    }
     origin = int(recording.channel("position").stamps_ns.min())
     name = f"{recording.name} {(start_ns - origin) * 1e-9:.1f}-{(stop_ns - origin) * 1e-9:.1f} s"
-    return replace(recording, name=name, channels=channels)
+    return replace(recording.between(start_ns, stop_ns), name=name)
 
 
 def _cut_into_folds(recording: Recording, folds: int) -> Iterator[Fold]:

@@ -57,7 +57,7 @@ def dissipative(recording: Recording) -> Recording:
 def split_each(recordings: Sequence[Recording], share: float = SHARE) -> MeasuredCase:
     """Return the first share of each recording to identify on and its rest to test on."""
     return MeasuredCase(
-        [r.part(0.0, share) for r in recordings], {f"{r.name}, rest": r.part(share, 1.0) for r in recordings}
+        [r.share(0.0, share) for r in recordings], {f"{r.name}, rest": r.share(share, 1.0) for r in recordings}
     )
 
 

@@ -9,7 +9,18 @@ from typing import Any
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bags, open_simulation, print_findings, with_predictions
-from ces_cli.terminal.options import BAGS, JSON, NOTE, OVERWRITE, SIGNALS, TITLE, ProgramRequest, only_with, option
+from ces_cli.terminal.options import (
+    BAGS,
+    JSON,
+    NOTE,
+    OVERWRITE,
+    PART,
+    SIGNALS,
+    TITLE,
+    ProgramRequest,
+    only_with,
+    option,
+)
 from ces_cli.terminal.outputs import OUT, print_document, require_outputs
 from ces_data.arrays import F
 from ces_data.recording import describe_days
@@ -34,6 +45,7 @@ class CharacteriseRequest(ProgramRequest):
     bags: tuple[str, ...] = declare(replace(BAGS, meaning="recordings with a measured force: bags, folders, globs"))
     model: tuple[str, ...] = option((), HELP, metavar="SIM")
     signals: Path | None = declare(SIGNALS)
+    part: tuple[float, ...] = declare(PART)
     out: Path | None = option(None, FOLDER, metavar="DIR")
     title: str = declare(TITLE)
     note: str = declare(NOTE)
@@ -47,15 +59,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     require_outputs(request.overwrite, folders={OUT: request.out})
     signals = load_signals(request.signals)
     simulations = _open_simulations(request.model)
-    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(request.bags)}
+    recordings = {
+        path: terminal.read_one(path, signals, terminal.FORCE, request.part) for path in find_bags(request.bags)
+    }
     findings = print_findings(list(recordings.values()))
     forces: dict[str, list[F]] = {}
     for name, simulation in simulations.items():
-        with terminal.err.status(f"simulating {name}"):
+        with terminal.step(f"simulating {name}"):
             forces[name] = [
                 simulation.force(with_predictions(simulation, p, r, signals)) for p, r in recordings.items()
             ]
-    with terminal.err.status("characterising"):
+    with terminal.step("characterising"):
         results = characterise(list(recordings.values()), simulations=forces)
     if request.out is not None:
         command, recorded = terminal.command_line("characterise", argv), describe_days(recordings.values())

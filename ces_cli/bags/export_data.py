@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for bag, (path, kind) in zip(bags, targets, strict=True):
         recording = terminal.read_one(bag, signals, ("position",))
         print_findings([recording])
-        with terminal.err.status(f"writing {path}"):
+        with terminal.step(f"writing {path}"):
             table = tabulate(recording, _estimate(model, recording) if model else {})
             write_table(table, path, kind)
         print(f"{path}: {len(table.stamps_ns)} rows of {', '.join(column.name for column in table.columns)}")

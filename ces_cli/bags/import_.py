@@ -27,7 +27,7 @@ from ces_data.bags.storage import ALONE, MEASURED, SPEED
 from ces_data.bags.writer import open_bag_writer, recording_topics
 from ces_data.checks.check import check_recording
 from ces_data.checks.derivatives import compare_derivative
-from ces_data.findings import SECOND, DelayFinding, Finding, findings, sort_findings
+from ces_data.findings import SECOND, DelayFinding, Finding, findings, rate_between_pauses, sort_findings
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_file import MAX_ROWS, open_log, refuse_bag
 from ces_data.logs.log_import import read_blocks
@@ -211,7 +211,7 @@ def _convert(
         parts = f"the first {MAX_ROWS} rows and {SHARE:.0%} of the others"
         print(f"{path}: checked for faults; for signs, units and delays in {parts}")
     for remark in proposal.remarks if proposal else ():
-        terminal.print_warning(f"{path}: {remark}; taken as logged")
+        terminal.print_warning(f"{path}: {remark}")
     for finding in faults:  # the remedy is in the mapping; a delay stays in the signals file that later programs read
         corrected = finding.text.replace("the signals file", str(request.mapping or "a mapping (--propose writes one)"))
         terminal.print_warning(f"{source}: {finding.text if isinstance(finding, DelayFinding) else corrected}")
@@ -230,15 +230,15 @@ class BlockChecks:
 
     def __init__(self) -> None:
         self.samples, self.blocks = 0, 0
+        self._steps, self._span_s = 0, 0.0  # intervals without pauses, and how long they are
         self._ends_ns: tuple[int, ...] = ()
         self._found: list[tuple[Finding, str]] = []
         self._last: Recording | None = None
 
     @property
     def rate_Hz(self) -> float:
-        """The mean rate of the position samples, 0 if they have no span."""
-        span = max(self._ends_ns) - min(self._ends_ns) if self._ends_ns else 0
-        return (self.samples - 1) * SECOND / span if span else 0.0
+        """The mean rate of the position samples between pauses, 0 if they have no span."""
+        return self._steps / self._span_s if self._span_s else 0.0
 
     def add(self, block: Recording) -> None:
         """Take a block and check the one before; a short last one is checked together with it."""
@@ -246,6 +246,8 @@ class BlockChecks:
         if len(stamps):
             ends = (*self._ends_ns, int(stamps.min()), int(stamps.max()))
             self._ends_ns = min(ends), max(ends)
+        if rate := rate_between_pauses(stamps):
+            self._steps, self._span_s = self._steps + len(stamps), self._span_s + len(stamps) / rate
         self.samples += len(stamps)
         if self._last is not None and 2 * len(stamps) < len(self._last.channel("position")):
             self._last = Recording.join([self._last, block])
@@ -275,7 +277,7 @@ class BlockChecks:
             block = replace(block, channels={name: c for name, c in block.channels.items() if len(c)})
         faults, is_first = list(findings(block)), self.blocks == 0
         if is_first or "position" in block.channels:
-            faults += check_recording(block if is_first else block.part(0.0, SHARE))
+            faults += check_recording(block if is_first else block.share(0.0, SHARE))
         stamps = [int(c.stamps_ns[at]) for c in block.channels.values() if len(c) for at in (0, -1)]
         ends = [(f(stamps, default=0) - min(self._ends_ns, default=0)) / SECOND for f in (min, max)]
         self._found += [(finding, f"from {ends[0]:.3f} s to {ends[1]:.3f} s") for finding in faults]

@@ -81,7 +81,7 @@ def make_parser() -> terminal.Parser[InfoRequest]:
 
 
 def _inspect_bag(path: Path, signals: Signals) -> BagReport:
-    with warnings.catch_warnings(record=True) as caught, terminal.err.status(f"reading {path}"):
+    with warnings.catch_warnings(record=True) as caught, terminal.step(f"reading {path}"):
         warnings.simplefilter("always")
         topics = () if is_log(path) else list_topics(path)
         recording = terminal.read_one(path, signals) if is_log(path) else read_recording(path, signals)

@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     signals = load_signals(request.signals)
     model = load_model(request.model)
     recording = terminal.read_one(path, signals)
-    with terminal.err.status(f"replaying {recording.name}"):
+    with terminal.step(f"replaying {recording.name}"):
         replayed = estimate_forces(model, recording)
         position = signals["position"]
         steps = position.field.steps if isinstance(position, Signal) else ()

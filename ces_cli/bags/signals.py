@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     request = make_parser().read(argv)
     require_outputs(request.overwrite, {OUT: request.out})
     paths = find_bags(request.bags)
-    with terminal.err.status("reading all topics"):
+    with terminal.step("reading all topics"):
         proposal = propose_signals(paths)
     text = schema_line("signals") + proposal.text
     if request.out:
@@ -99,7 +99,7 @@ def proposal_rows(selection: Selection) -> list[dict[str, Any]]:
             c = choice.candidate
             facts = {"source": c.label, "type": c.kind, "scale": choice.scale, "offset": choice.offset}
             facts |= {"low": c.low, "high": c.high, "rate_Hz": c.rate_Hz}
-            facts |= {"reasons": choice.reasons, "checks": choice.checks}
+            facts |= {"reasons": choice.reasons, "checks": choice.to_check}
             others = [{"source": r.candidate.label, "reason": r.why} for r in choice.others]
             rows.append({"damper": name, "signal": choice.signal, "found": True, **facts, "not_chosen": others})
     rows += [

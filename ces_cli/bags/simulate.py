@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     signals = load_signals(request.signals)
     simulation = open_simulation(request.sim)
     recording = terminal.read_one(path, signals)
-    with terminal.err.status(f"simulating {recording.name}"):
+    with terminal.step(f"simulating {recording.name}"):
         inside = simulation.innermost
         run = sample_run(inside.model, recording) if isinstance(inside, ModelSimulation) else None
         own = None if inside is not simulation else run  # the run of a model without effects around it

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.heartbeat import heartbeat
 from ces_cli.terminal.options import SIGNALS, ProgramRequest, argument, option
 from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
@@ -47,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
                 signal.signal(number, signal.default_int_handler)
         print(f"{request.folder}: {server.url}  (Ctrl-C ends it)", flush=True)
+        heartbeat.stop()
         server.run()
     print("stopped")
     return 0

@@ -27,6 +27,7 @@ from ces_cli.terminal.options import (
     JSON,
     NOTE,
     OVERWRITE,
+    PART,
     REAL,
     SIGNALS,
     TITLE,
@@ -96,6 +97,7 @@ class DiagnoseRequest(ProgramRequest):
     fit: tuple[str, ...] = declare(FREED)
     reference: tuple[str, ...] = declare(REFERENCE)
     signals: Path | None = declare(SIGNALS)
+    part: tuple[float, ...] = declare(PART)
     out: Path = option(meaning="folder to write, created if necessary", metavar="DIR")
     effects: tuple[str, ...] = option(
         (),
@@ -136,7 +138,7 @@ def run_diagnosis(request: DiagnoseRequest, command: str) -> None:
     given = None if request.sim is None else open_simulation(request.sim)
     roles = {"real": request.real, "held_out": request.held_out, "reference": request.reference}
     recordings = {
-        role: [read_with_predictions(given, p, signals) for p in find_bags(words, repeated=True)]
+        role: [read_with_predictions(given, p, signals, request.part) for p in find_bags(words, repeated=True)]
         for role, words in roles.items()
     }
     real, held_out, reference = recordings.values()
@@ -189,9 +191,11 @@ def build_diagnose_options(request: DiagnoseRequest, threads: int) -> DiagnoseOp
     return DiagnoseOptions(effects=effects, threads=threads, seed=request.seed, tolerance=tolerance, fit=request.fit)
 
 
-def read_with_predictions(simulation: Simulation | None, path: Path, signals: Signals) -> Recording:
-    """Return a recording with its measured force and, if recorded there, the simulation's force."""
-    recording = terminal.read_one(path, signals, terminal.FORCE)
+def read_with_predictions(
+    simulation: Simulation | None, path: Path, signals: Signals, part: Sequence[float]
+) -> Recording:
+    """Return a recording, or the part of it, with its measured force and, if recorded there, the simulation's force."""
+    recording = terminal.read_one(path, signals, terminal.FORCE, part)
     return recording if simulation is None else with_predictions(simulation, path, recording, signals)
 
 

@@ -92,7 +92,9 @@ def run_fleet(request: diagnosis.DiagnoseRequest, each: str) -> int:
     signals = load_signals(request.signals)
     units = find_fleet_units(request.real, each)
     given = None if request.sim is None else open_simulation(request.sim)
-    reference = tuple(diagnosis.read_with_predictions(given, path, signals) for path in find_bags(request.reference))
+    reference = tuple(
+        diagnosis.read_with_predictions(given, path, signals, request.part) for path in find_bags(request.reference)
+    )
     how = diagnosis.build_diagnose_options(request, threads=1)
     with open_results(request.out / RESULTS, "a fleet") as results:
         with DiagnoseProgress() as progress:
@@ -100,14 +102,16 @@ def run_fleet(request: diagnosis.DiagnoseRequest, each: str) -> int:
                 given, reference, request, os.cpu_count() or 1, progress.listen
             )
         common = DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)
-        jobs, unread = _plan_jobs(units, common, signals, request.out)
+        jobs, unread = _plan_jobs(units, common, signals, request)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
         if others := len(results.rows.keys() - {job.key for job in jobs}):
             things = f"{others} results of other recordings or options"
             terminal.print_warning(f"{request.out}: also holds {things}; they are neither shown nor used")
         bar, finished = JobsProgress(len(units), len(units) - len(missing), "diagnoses"), True
         if missing:
-            tasks = (Task(job, [REQUEST], _read(simulation, unit, signals)) for job, unit in missing.items())
+            tasks = (
+                Task(job, [REQUEST], _read(simulation, unit, signals, request.part)) for job, unit in missing.items()
+            )
             finished = run_jobs(
                 diagnose_unit, tasks, {REQUEST: common}, how.threads, request.jobs, results, bar, describe_diagnosis
             )
@@ -121,19 +125,19 @@ def run_fleet(request: diagnosis.DiagnoseRequest, each: str) -> int:
 
 
 def _plan_jobs(
-    units: Sequence[FleetUnit], request: DiagnosisRequest, signals: Signals, folder: Path
+    units: Sequence[FleetUnit], request: DiagnosisRequest, signals: Signals, asked: diagnosis.DiagnoseRequest
 ) -> tuple[dict[DiagnosisJob, FleetUnit], list[Row]]:
     """Return a job for each unit that can be read, and a row for each that cannot; keeps no recordings in memory."""
-    described = repr(sorted(signals.by_name.items()))
+    described = repr((sorted(signals.by_name.items()), *asked.part))
     jobs: dict[str, tuple[DiagnosisJob, FleetUnit]] = {}
     unread: list[Row] = []
     seen: list[str] = []
     for number, unit in enumerate(units, start=1):
-        with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
+        with terminal.step(f"reading {unit.name} ({number} of {len(units)})"):
             try:
-                recordings = _read(request.simulation, unit, signals)
+                recordings = _read(request.simulation, unit, signals, asked.part)
                 seen += [unit.name] if any(is_seen(recording, request.simulation) for recording in recordings) else []
-                job = job_of(unit.name, recordings, request, described, folder)
+                job = job_of(unit.name, recordings, request, described, asked.out)
                 if job.key in jobs:
                     raise CesError(f"the same recordings as {jobs[job.key][0].name}")
                 jobs[job.key] = (job, unit)
@@ -148,13 +152,14 @@ def _plan_jobs(
     return dict(jobs.values()), unread
 
 
-def _read(simulation: Simulation, unit: FleetUnit, signals: Signals) -> list[Recording]:
+def _read(simulation: Simulation, unit: FleetUnit, signals: Signals, part: Sequence[float]) -> list[Recording]:
     """Read and check the recordings of a unit without printing warnings."""
     recordings = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for path in unit.paths:
-            recording = with_predictions(simulation, path, read_recording(path, signals, terminal.FORCE), signals)
+            whole = with_predictions(simulation, path, read_recording(path, signals, terminal.FORCE), signals)
+            recording = whole.part(*part)
             require_usable(recording)
             recordings.append(recording)
     return recordings

@@ -33,6 +33,7 @@ SELECTION_NOTE = (
     "it decide nothing."
 )
 CAMPAIGN_RULES = (
+    never_with("part", "campaign", "does not apply to campaigns; record or export shorter recordings"),
     only_with("jobs", "campaign", "applies to campaigns; add --campaign FILE.yaml (for threads use --threads)"),
     never_with(
         ALL,

@@ -116,7 +116,7 @@ def _export(request: ExportRequest, kind: str) -> Certificate:
         beside = ", ".join(_names_beside(out))
         print(f"{out}, {beside}: {name}_step and {name}_tick, {model.size}")
     else:
-        with terminal.err.status("compiling"):
+        with terminal.step("compiling"):
             files = {out.name: export_model.export_fmu(model, name, certificate, compiler)}
         what = (
             export_model.binary_path(name) if compiler else "sources only; sources/BUILD.txt says how to compile them"
@@ -136,7 +136,7 @@ def _kind(out: Path, form: str | None) -> str:
 
 def _certificate(model: Model, request: ExportRequest) -> Certificate:
     """Return the certificate of the model; raises CesError if it does not hold, unless the options allow that."""
-    with terminal.err.status("proving stability"):
+    with terminal.step("proving stability"):
         certificate = model.certify()
     if not (certificate.holds or request.allow_uncertified):
         raise CesError(

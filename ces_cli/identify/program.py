@@ -167,7 +167,9 @@ def _read_recordings(
     """Return all recordings as logged, and each group with the force to learn; a teacher needs no measured force."""
     signals = load_signals(request.signals)
     need = terminal.FORCE if request.teacher is None else terminal.FORCE[:2]
-    measured = with_distinct_names({path: terminal.read_one(path, signals, need) for group in groups for path in group})
+    measured = with_distinct_names(
+        {path: terminal.read_one(path, signals, need, request.part) for group in groups for path in group}
+    )
     learned = measured
     if request.teacher is not None:
         teacher = open_simulation(request.teacher)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,6 +13,7 @@ from ces_cli.terminal.options import (
     JSON,
     NOTE,
     OVERWRITE,
+    PART,
     REPORT,
     SIGNALS,
     TITLE,
@@ -32,6 +33,7 @@ VALIDATE = Option(
 )
 OUT = Option("out", Path("model.json"), "model file to write; its folder must exist", metavar="FILE")
 OF_THE_PROGRAM = (
+    replace(PART, group="data"),
     TITLE,
     NOTE,
     JSON,
@@ -81,6 +83,7 @@ class IdentifyProgramRequest(ProgramRequest):
     report: Path | None = None
     overwrite: bool = False
     teacher: str | None = None
+    part: tuple[float, ...] = ()
     title: str = ""
     note: str = ""
     json: bool = False

@@ -58,7 +58,7 @@ class ValidateRequest(ProgramRequest):
     model: Path = declare(MODEL)
     bags: tuple[str, ...] = declare(replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"))
     signals: Path | None = declare(SIGNALS)
-    part: tuple[float, float] = declare(PART)
+    part: tuple[float, ...] = declare(PART)
     weight: tuple[str, ...] = declare(
         replace(WEIGHT, meaning=f"also show J with W times the weight for ticks in this region: {REGIONS}")
     )
@@ -113,7 +113,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _read_recordings(paths: Sequence[Path], request: ValidateRequest) -> list[Recording]:
     signals = load_signals(request.signals)
-    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}
+    recordings = {path: terminal.read_one(path, signals, terminal.FORCE, request.part) for path in paths}
     return list(with_distinct_names(recordings).values())
 
 
@@ -125,29 +125,27 @@ def _evaluate_recordings(
     findings = [*print_findings(recordings)]
     evaluations: list[Evaluation] = []
     for recording in recordings:
-        overlaps = find_known_recording(recording, model.provenance, request.part)
+        overlaps = find_known_recording(recording, model.provenance)
         if overlaps:
             terminal.print_warning(
                 f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
                 "here is lower than on new data"
             )
-        series = prepare(recording, model.sampling).part(*request.part)
+        series = prepare(recording, model.sampling)
         evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
         if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in findings)):
-            findings += print_against_model(model, recording, evaluations[-1], request.part)
+            findings += print_against_model(model, recording, evaluations[-1])
     return evaluations, findings
 
 
-def print_against_model(
-    model: Model, recording: Recording, evaluation: Evaluation, part: tuple[float, float]
-) -> list[Finding]:
+def print_against_model(model: Model, recording: Recording, evaluation: Evaluation) -> list[Finding]:
     """Print and return what a model shows to be wrong with a recording: the unit of the force, or both signs."""
     scored = evaluation.series.scored
     findings = list(unit_against_model(evaluation.series.force[scored], evaluation.run.force[scored]))
     if not findings and evaluation.cost > 100.0 * StatisticLimits.EXPLAINED:
         low, high = model.sampling.stroke_m
         sampling = replace(model.sampling, stroke_m=(min(low, -high), max(high, -low)))
-        series = prepare(reverse_signs(recording), sampling).part(*part)
+        series = prepare(reverse_signs(recording), sampling)
         (turned,) = evaluate(model, [series], VALIDATION)
         findings = list(signs_against_model(evaluation.cost, turned.cost))
     findings = [replace(finding, text=f"{recording.name}: {finding.text}") for finding in findings]

@@ -95,10 +95,12 @@ class SearchReporter:
             self._send_best()
             self._send({"stage": WRITING})
 
-    def listen(self, result: SearchResult) -> None:
-        """Receive an improvement or the end of a start."""
+    def listen(self, news: SearchResult | str) -> None:
+        """Receive an improvement, the end of a start, or the step that begins, which is not sent."""
         with self._lock:
-            self._results.update(result)
+            if isinstance(news, str):
+                return
+            self._results.update(news)
             if time.monotonic() - self._sent_at >= SEND_EVERY_S:
                 self._send_best()
 

@@ -139,7 +139,13 @@ def with_distinct_names(recordings: Mapping[Path, Recording]) -> dict[Path, Reco
         return dict(recordings)
     names = make_distinct_names([path.resolve() for path in recordings])
     pairs = zip(recordings.items(), names, strict=True)
-    return {path: replace(recording, name=name) for (path, recording), name in pairs}
+    return {path: replace(one, name=name + _find_span(one, path)) for (path, one), name in pairs}
+
+
+def _find_span(recording: Recording, path: Path) -> str:
+    """Return what the name of a part of a recording adds to that of its file."""
+    own = path.stem if path.is_file() else path.resolve().name
+    return recording.name.removeprefix(own) if recording.name.startswith(f"{own} ") else ""
 
 
 def make_distinct_names(paths: Sequence[Path]) -> list[str]:
@@ -243,7 +249,8 @@ def with_predictions(simulation: Simulation, path: Path, recording: Recording, s
     extended = replace(signals, by_name={**signals.by_name, "sim_force": signal})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # printed when the recording was read
-        return read_recording(path, extended, ("position", "current", "sim_force"))
+        whole = read_recording(path, extended, ("position", "current", "sim_force"))
+    return replace(recording, channels={**recording.channels, "sim_force": whole.channel("sim_force")})
 
 
 def with_teacher_force(teacher: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from math import inf
 from pathlib import Path
@@ -40,7 +39,7 @@ class ProgramRequest:
 
 def _as_annotated(option: Option, hint: Any) -> Option:
     kind = next((kind for kind in get_args(hint) or (hint,) if kind in (int, float, str, Path)), bool)
-    return option if isinstance(option, PartOption) else replace(option, kind=kind)
+    return replace(option, kind=kind)
 
 
 def as_field(option: Option, value: Any) -> Any:
@@ -133,20 +132,6 @@ def argument(default: Any = REQUIRED, meaning: str = "", **settings: Any) -> Any
     return declare(Argument(default=default, meaning=meaning, **settings))
 
 
-@dataclass(frozen=True)
-class PartOption(Option):
-    """A part of a recording: FROM:TO, shares from 0 to 1."""
-
-    def parse(self, text: str) -> tuple[float, float]:
-        """Return both ends of the part; raises CesError."""
-        first, _, last = text.partition(":")
-        with suppress(ValueError):
-            share = float(first or 0.0), float(last or 1.0)
-            if 0.0 <= share[0] < share[1] <= 1.0:
-                return share
-        raise CesError(f"'{text}' is not FROM:TO with 0 <= FROM < TO <= 1, such as 0.6:1")
-
-
 IN_A_FOLDER = "in a folder: under a name that says which simulation and recordings"
 BAGS_FORM = "bags, folders of bags, or globs"
 MODEL = Argument("model", kind=Path, metavar="MODEL.json")
@@ -172,7 +157,18 @@ FIT = Option(
     metavar="NAME[=LOW..HIGH]",
     together=True,
 )
-PART = PartOption("part", "0:1", "part of each recording to use, from 0 to 1", metavar="FROM:TO")
+PART = Option(
+    "part",
+    (),
+    "use only this part of every recording given, in seconds from its start",
+    0.0,
+    kind=float,
+    unit="s",
+    none="all",
+    metavar="FROM TO",
+    many=True,
+    together=True,
+)
 SIGNALS_FORM = "signals file (YAML); FILE#NAME for one of several dampers in it"
 SIGNALS = Option("signals", None, SIGNALS_FORM, kind=Path, none="the packaged file", metavar="FILE")
 REPORT = Option("report", None, f"write a report page (HTML); {IN_A_FOLDER}", kind=Path, metavar="FILE")

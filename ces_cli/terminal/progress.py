@@ -1,4 +1,4 @@
-"""Progress of long work: a live bar on a terminal, in a log a line now and then; and many jobs, each result kept."""
+"""Progress of long work: a live bar on a terminal, else lines of the heartbeat; and many jobs, each result kept."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
+from math import inf
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,15 +16,21 @@ from rich import progress as bars
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.heartbeat import heartbeat
 from ces_identify.jobs import DONE, ResultsFolder, Row, Shared, Task, Work, run_on_this_machine
 from ces_identify.numerics.search import RUNNING, Limits, SearchResult
 from ces_observer.errors import CesError
 
-LOG_EVERY_S = 5.0
+MIN_SHARE, MIN_ELAPSED_S = 0.05, 2.0  # of the work and of its time, before the rest is estimated
 
 
 class LiveBar:
-    """A progress bar with one task, shown while the context is open and the error stream is a terminal."""
+    """A progress bar with one task, shown while the context is open; the heartbeat tells it without a terminal.
+
+    It `estimates` the time that is left by the share that is done.
+    """
+
+    estimates = True
 
     def __init__(self, label: str, *columns: bars.ProgressColumn, total: float, text: str = "", done: int = 0) -> None:
         self._bar = bars.Progress(
@@ -36,15 +43,17 @@ class LiveBar:
             disable=not terminal.err.is_terminal,
         )
         self._task = self._bar.add_task(text, total=total, completed=done)
-        self._lock = threading.Lock()
-        self._began = self._logged = time.monotonic()
+        self._label, self._lock, self._open = label, threading.Lock(), ExitStack()
+        self._began = time.monotonic()
 
     def __enter__(self) -> Self:
+        self._open.enter_context(heartbeat.step(self._label, live=not self._bar.disable))
         self._bar.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
         self._bar.stop()
+        self._open.close()
 
     @property
     def elapsed_s(self) -> float:
@@ -54,17 +63,20 @@ class LiveBar:
     def show(self, completed: float, text: str) -> None:
         """Move the bar and change the text after it."""
         self._bar.update(self._task, completed=completed, description=text)
+        heartbeat.change(f"{self._label}: {text}{self._estimate(completed)}")
+
+    def _estimate(self, completed: float) -> str:
+        """Return how much of the work is done, and how long the rest will take."""
+        share, elapsed_s = completed / (self._bar.tasks[0].total or 1.0), self.elapsed_s
+        if not self.estimates or not MIN_SHARE <= share < 1.0 or elapsed_s < MIN_ELAPSED_S:
+            return ""
+        return f", {share:.0%}, about {elapsed_s * (1.0 - share) / share:.0f} s left"
 
     def log(self, text: str) -> None:
         """Print a line if there is no terminal."""
         if self._bar.disable:
             terminal.err.print(text, highlight=False, soft_wrap=True)
-
-    def log_seldom(self, text: str) -> None:
-        """Print a line with the elapsed time if there is no terminal and the last line is some seconds old."""
-        if time.monotonic() - self._logged > LOG_EVERY_S:
-            self._logged = time.monotonic()
-            self.log(f"{self.elapsed_s:5.0f} s  {text}")
+            heartbeat.touch()
 
 
 class FileProgress(LiveBar):
@@ -75,13 +87,12 @@ class FileProgress(LiveBar):
     def __init__(self, verb: str, path: Path) -> None:
         columns = (bars.TaskProgressColumn(), bars.TimeElapsedColumn())
         super().__init__(verb, *columns, total=1.0, text=escape(str(path)))
-        self._verb, self._path = verb, path
+        self._path = path
 
     def listen(self, share: float) -> None:
         """Show the share (0 to 1) that is done."""
         rows = f", {self.rows} rows" if self.rows else ""
         self.show(share, escape(f"{self._path}{rows}"))
-        self.log_seldom(f"{self._verb} {self._path}: {share:.0%}{rows}")
 
 
 class DiagnoseProgress(LiveBar):
@@ -94,7 +105,6 @@ class DiagnoseProgress(LiveBar):
         """Show the step that begins and the share of the work that is done."""
         with self._lock:
             self.show(share, step)
-            self.log_seldom(f"{share:4.0%}  {step}")
 
 
 class BestResults:
@@ -129,19 +139,29 @@ class SearchProgress(LiveBar):
 
     def __init__(self, limits: Limits) -> None:
         text = "no model yet (Ctrl-C keeps the best so far)"
-        super().__init__("searching", bars.TaskProgressColumn(), bars.TimeElapsedColumn(), total=1.0, text=text)
-        self._results = BestResults(limits.starts)
+        super().__init__("identifying", bars.TaskProgressColumn(), bars.TimeElapsedColumn(), total=1.0, text=text)
+        self._results, self._step, self._limit_s = BestResults(limits.starts), "", limits.time
 
-    def listen(self, result: SearchResult) -> None:
-        """Show an improvement or the end of a start."""
+    def listen(self, news: SearchResult | str) -> None:
+        """Show an improvement, the end of a start, or the step that begins."""
         with self._lock:
-            self._results.update(result)
-            best = self._results.best or result
-            text = (
-                f"selection cost J = {best.cost:.2f} %, size {len(best.chosen)}, starts done: {self._results.finished}"
-            )
-            self.show(self._results.share, text)
-            self.log_seldom(text)
+            if isinstance(news, str):
+                self._step, self.estimates = f"{news}; ", False
+            else:
+                self._results.update(news)
+                self.estimates = news.share > 0.0
+            best, text = self._results.best, "no model yet"
+            if best is not None:
+                done = self._results.finished
+                text = f"selection cost J = {best.cost:.2f} %, size {len(best.chosen)}, starts done: {done}"
+            self.show(self._results.share, self._step + text)
+
+    def _estimate(self, completed: float) -> str:
+        """Return how long the rest takes: by the share that is done, or at most what the time limit leaves."""
+        left_s = self._limit_s - self.elapsed_s
+        return super()._estimate(completed) or (
+            f"; the search ends in at most {left_s:.0f} s" if 0.0 < left_s < inf else ""
+        )
 
 
 class JobsProgress(LiveBar):

@@ -12,8 +12,8 @@ import textwrap
 import threading
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -25,7 +25,8 @@ from rich.console import Console, JustifyMethod
 from rich.markup import escape
 from rich.table import Column, Table
 
-from ces_cli.terminal.options import Argument, OptionRule, PartOption, ProgramRequest, find_given, require_applicable
+from ces_cli.terminal.heartbeat import heartbeat
+from ces_cli.terminal.options import Argument, OptionRule, ProgramRequest, find_given, require_applicable
 from ces_data.bags.reader import LogTimeWarning, read_recording
 from ces_data.findings import require_usable
 from ces_data.log_formats import is_log
@@ -133,13 +134,15 @@ def _as_argument(option: Option) -> tuple[str, dict[str, Any]]:
     if option.kind is bool:
         action = "store_false" if option.default else "store_true"
         return option.flag, {**words, "dest": option.name, "action": action}
-    plain = option.kind in (str, Path) and option.check_text is None and not isinstance(option, PartOption)
+    plain = option.kind in (str, Path) and option.check_text is None
     words["type"] = option.kind if plain else parse_as(option.one)
     words |= {"choices": option.choices} if option.choices else {}
     words |= {"metavar": option.metavar} if option.metavar else {}
     default = None if option.default is REQUIRED else list(option.default) if option.many else option.default
     if isinstance(option, Argument):
         return option.name, {**words, "default": default, "nargs": option.count or None}
+    if len(values := option.metavar.split()) > 1:  # so many values, each by its name
+        return option.flag, {**words, "default": default, "nargs": len(values), "metavar": tuple(values)}
     words |= {"nargs": "+"} if option.together else {"action": "append"} if option.many else {}
     return option.flag, {**words, "default": default, "required": option.default is REQUIRED}
 
@@ -156,13 +159,28 @@ def parse_as(field: Field) -> Callable[[str], Any]:
     return parse
 
 
-def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> Recording:
-    """Read and check a bag, or a log, and say what of it was taken; warnings are a line each. Raises CesError."""
+@contextmanager
+def step(text: str) -> Iterator[Callable[[str], None]]:
+    """Show what is done while the context is open; what it gives changes the text. Lines come from the heartbeat."""
+    with err.status(escape(text)) as status, heartbeat.step(text, live=err.is_terminal):
+
+        def change(text: str) -> None:
+            status.update(escape(text))
+            heartbeat.change(text)
+
+        yield change
+
+
+def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2], part: Sequence[float] = ()) -> Recording:
+    """Read and check a bag, or a log, or a `part` [s] of it, and say what of it was taken; warnings are a line each.
+
+    Raises CesError.
+    """
     if is_log(path):
-        return _read_log(path, need)
-    with warnings.catch_warnings(record=True) as caught, err.status(f"reading {path}"):
+        return _read_log(path, need, part)
+    with warnings.catch_warnings(record=True) as caught, step(f"reading {path}"):
         warnings.simplefilter("always")
-        recording = read_recording(path, signals, need)
+        recording = _take_part(read_recording(path, signals, need), part)
         findings = require_usable(recording)
     for warning in caught:
         text, of_log_time = str(warning.message), isinstance(warning.message, LogTimeWarning)
@@ -175,10 +193,24 @@ def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> R
     return recording
 
 
-def _read_log(path: Path, need: Sequence[str]) -> Recording:
-    with warnings.catch_warnings(record=True) as caught, err.status(f"reading {path}"):
+def _take_part(recording: Recording, part: Sequence[float]) -> Recording:
+    """Return the part of a recording, and say what is left out."""
+    taken = recording.part(*part)
+    if part:
+        left_s = recording.duration_s - taken.duration_s
+        print_line(f"{taken.name}: the part of {recording.duration_s:.3f} s; {left_s:.3f} s left out", console=err)
+    return taken
+
+
+def _read_log(path: Path, need: Sequence[str], part: Sequence[float]) -> Recording:
+    with warnings.catch_warnings(record=True) as caught, step(f"reading {path}"):
         warnings.simplefilter("always")
-        recording = read_log(path, need=need, say=lambda found: print_line(f"{path}: {found}", console=err))
+        recording = read_log(
+            path,
+            need=need,
+            say=lambda found: print_line(f"{path}: {found}", console=err),
+            take=lambda whole: _take_part(whole, part),
+        )
     for warning in caught:
         print_warning(str(warning.message))
     return recording
@@ -192,11 +224,13 @@ def command_line(program: str, argv: Sequence[str] | None) -> str:
 def print_line(text: str, style: str = "", console: Console = out) -> None:
     """Print a line as it is, without markup and without breaks of our own."""
     console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+    heartbeat.touch()
 
 
 def print_warning(text: str) -> None:
     """Print a warning line to the error stream."""
     print(as_one_line(f"warning: {text}"), file=sys.stderr)
+    heartbeat.touch()
 
 
 def as_one_line(text: str) -> str:

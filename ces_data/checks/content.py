@@ -109,23 +109,17 @@ def known_share(recording: Recording, marks: Sequence[str]) -> float:
     return float(np.isin(known_marks, _all_marks(recording.channels.get("force"))).mean())
 
 
-def find_known_recording(
-    recording: Recording, provenance: Mapping[str, Any], part: tuple[float, float] = (0.0, 1.0)
-) -> str:
+def find_known_recording(recording: Recording, provenance: Mapping[str, Any]) -> str:
     """Return the name of a recording that a model was identified on and that holds seconds of this one, else nothing.
 
-    `provenance` is the model's, `part` the part of the recording in question. The marks show copies and parts; the hash
-    of the bag's bytes decides for older model files, and for models of a teacher's force.
+    `provenance` is the model's. The marks show copies and parts; the hash of the bag's bytes decides for older model
+    files, and for models of a teacher's force.
     """
-    asked = recording.part(*part)
     for row in identification_rows(provenance):
-        stored, digest, share = row.get("marks"), row.get("sha256"), row.get("share")
+        stored, digest = row.get("marks"), row.get("sha256")
         words = stored.split() if isinstance(stored, str) else []
         same = isinstance(digest, str) and bool(digest) and digest == recording.sha256
-        match share:
-            case [int() | float() as first, int() | float() as last]:
-                same = same and max(first, part[0]) < min(last, part[1])
-        if same or known_share(asked, [word for word in words if MARK.fullmatch(word)]) > 0.0:
+        if same or known_share(recording, [word for word in words if MARK.fullmatch(word)]) > 0.0:
             return str(row.get("recording", recording.name))
     return ""
 

@@ -344,7 +344,7 @@ def find_clock_drift(recording: Recording) -> Finding | None:
     """
     delays = []
     for part in THIRDS:
-        motion = recorded_motion(recording.part(*part))
+        motion = recorded_motion(recording.share(*part))
         delay = None if motion is None else force_delay(motion, far=False)
         if delay is None or delay.alternatives:
             return None

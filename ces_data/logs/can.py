@@ -5,6 +5,7 @@ The log is read once, frame by frame; only frames whose messages are asked for a
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -15,12 +16,14 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ces_data.config_file import first_line
+from ces_data.logs.can_text import TextLines
 from ces_data.logs.log_file import LogSeries, Progress, TimedLog, import_reader, join_names
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.logs.mdf import read_frames
 from ces_observer.errors import RecordingError
 
 MAX_PROPOSAL_FRAMES = 500_000
+UNAVAILABLE = re.compile(r"not[ _]*avail|unavail|^s?na$|invalid|^error|not[ _]*valid|no[ _]*data|fault", re.IGNORECASE)
 BUS_LOGS = (".blf", ".asc", ".log", ".trc")
 Samples: TypeAlias = "dict[str, dict[str, tuple[array[int], array[float]]]]"  # by MESSAGE.SIGNAL and bus
 
@@ -92,6 +95,7 @@ class CanLog(TimedLog):
     def _decode(self, messages: Sequence[Any], limit: int | None = None) -> Samples:
         """Return the samples of all signals of these messages, in so many frames."""
         samples: Samples = defaultdict(lambda: defaultdict(lambda: (array("q"), array("d"))))
+        unavailable = {(m.name, signal.name): _unavailable_values(signal) for m in messages for signal in m.signals}
         by_id: dict[tuple[int, bool], Any] = {(m.frame_id, m.is_extended_frame): m for m in messages}
         for frame in islice(self._frames(), limit):
             message = by_id.get((frame.arbitration_id, frame.is_extended_id))
@@ -103,23 +107,45 @@ class CanLog(TimedLog):
                 continue  # a multiplexer value that the database does not have
             for name, value in decoded.items():
                 if isinstance(value, int | float):
+                    if value in unavailable[message.name, name]:
+                        continue
                     stamps, values = samples[f"{message.name}.{name}"][str(frame.channel)]
                     stamps.append(round(frame.timestamp * 1e9))
                     values.append(float(value))
+        _count_from_first(samples)
         return samples
 
     def _frames(self) -> Iterator[Any]:
         if self.path.suffix.lower() not in BUS_LOGS:
             yield from read_frames(self.path)
             return
-        options = {"relative_timestamp": False} if self.path.suffix.lower() == ".asc" else {}
+        suffix, lines = self.path.suffix.lower(), TextLines(self.path)
         try:
-            with self._can.LogReader(self.path, **options) as reader:
-                yield from reader
-        except OSError:
+            if suffix == ".asc":
+                source = self._can.ASCReader(lines, relative_timestamp=False)
+            else:
+                source = self._can.CanutilsLogReader(lines) if suffix == ".log" else self._can.LogReader(self.path)
+            with source as reader:
+                for frame in reader:
+                    frame.timestamp -= lines.shift_s
+                    yield frame
+        except (OSError, RecordingError):
             raise
         except Exception as error:  # the readers raise errors of any kind for a damaged file
             raise RecordingError(f"{self.path}: not a CAN log, or damaged: {first_line(error)}") from None
+
+
+def _unavailable_values(signal: Any) -> frozenset[float]:
+    """Return the values [in the signal's unit] that the database names as none, such as 65535 `not available`."""
+    named = (raw for raw, name in (signal.choices or {}).items() if UNAVAILABLE.search(str(name)))
+    return frozenset(signal.conversion.raw_to_scaled(raw, decode_choices=False) for raw in named)
+
+
+def _count_from_first(samples: Samples) -> None:
+    """Move all times so that none is negative: those before the trigger of a log without a date."""
+    first = min((stamps[0] for buses in samples.values() for stamps, _ in buses.values() if stamps), default=0)
+    for stamps, _ in (of for buses in samples.values() for of in buses.values()) if first < 0 else ():
+        stamps[:] = array("q", (stamp - first for stamp in stamps))
 
 
 def _find_lost_end(path: Path) -> tuple[str, ...]:

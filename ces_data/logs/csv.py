@@ -9,6 +9,7 @@ import csv
 import re
 import warnings
 from array import array
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
@@ -16,12 +17,13 @@ from dataclasses import dataclass, field
 from io import SEEK_CUR, BytesIO, TextIOWrapper
 from itertools import accumulate, chain, islice, repeat, zip_longest
 from pathlib import Path
-from typing import BinaryIO, TypeAlias, cast
+from typing import BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_data.logs import csv_form
+from ces_data.logs import csv_cells, csv_form
+from ces_data.logs.csv_blocks import RowBlock, Rows, describe_blocks, find_blocks
 from ces_data.logs.log_file import MAX_CELLS, MAX_ROWS, LogTable, Progress
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
@@ -35,7 +37,6 @@ NUMBER_STARTS = frozenset("0123456789+-.")
 PLAIN = b"0123456789+-eE\n"  # bytes of numbers alone, with the marks of decimals and cells
 LINE_BREAK = re.compile("\r\n|\r|\n")
 EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
-Rows: TypeAlias = "Values | list[list[str]]"  # numbers (n, columns), or the cells of each row
 
 
 def open_log(path: Path, mapping: DynoMapping, progress: Progress) -> CsvTable:
@@ -71,11 +72,17 @@ class CsvTable(LogTable):
         self.dialect = csv_form.find_dialect(path, mapping)
         self.names, self.notes = mapping.names or self.dialect.names, self.dialect.notes
         self._comments, self._head, self._line = 0, self.dialect.head, 0
-        self._source: Iterator[tuple[Stamps, Rows]] | None = self._read_rows()
+        self._row_blocks = find_blocks(path, self.dialect)
+        if self._row_blocks:
+            self.notes, self._head = (*self.notes, describe_blocks(self._row_blocks)), 0
+        self._notes = self.notes
+        self._row_block: RowBlock | None = None
+        self._width = 0  # cells of a row; of the first ones, until they are read
+        self._source: Iterator[tuple[Stamps, Rows, RowBlock | None]] | None = self._read_file()
         self._begin_block([])
         sample = self._read_block(self._source)
         for column, texts in zip(self._columns, zip_longest(*sample, fillvalue=""), strict=False):
-            if mapping.decimal is None and column.bad is None and csv_form.mixes_groups(texts, self.dialect.decimal):
+            if mapping.decimal is None and column.bad is None and csv_cells.mixes_groups(texts, self.dialect.decimal):
                 column.bad = next((row, cell) for row, cell in enumerate(texts) if self.dialect.decimal in cell)
         if not self._lines:
             reason = f"no rows of numbers after {self.dialect.head} header lines"
@@ -130,7 +137,7 @@ class CsvTable(LogTable):
             return np.array([int(text) * EXACT_UNITS[column.unit] for text in cells.texts], dtype=np.int64)
         except OverflowError:
             raise RecordingError(f"{where} has a time beyond the year 2262; check its unit") from None
-        except csv_form.AmbiguousDateError as error:
+        except csv_cells.AmbiguousDateError as error:
             raise RecordingError(
                 f"{where}: {str(error)!r} may be month/day or day/month; set date: "
                 f"'%m/%d/%Y %H:%M:%S.%f' or '%d/%m/%Y %H:%M:%S.%f' in {self.mapping.source}"
@@ -174,7 +181,7 @@ class CsvTable(LogTable):
     def _parse_dates(self, at: int, texts: list[str], pattern: str) -> Stamps:
         """Return the times of the block, whose form and days go on from the block before."""
         before, last_ns = self._dates_before.get(at, ([], 0))
-        stamps = csv_form.parse_dates([*before, *texts], pattern, len(before))
+        stamps = csv_cells.parse_dates([*before, *texts], pattern, len(before))
         if before:
             stamps = stamps[len(before) :] + (last_ns - stamps[len(before) - 1])
         self._dates[at] = [(before or texts)[0], texts[-1]], int(stamps[-1])
@@ -182,52 +189,101 @@ class CsvTable(LogTable):
 
     def _begin_block(self, columns: Sequence[_Cells]) -> None:
         """Begin a block without rows; the columns of the block before say which are text."""
-        self._lines, self._widths = array("q"), array("q")
+        self._lines = array("q")
+        self.breaks: list[int] = []
         self._columns = [_Cells(None if cells.texts is None else []) for cells in columns]
         self._dates_before = self._dates if columns else {}
         self._dates: dict[int, tuple[list[str], int]] = {}  # by column: the first text of all and the last, its stamp
 
-    def _read_block(self, source: Iterator[tuple[Stamps, Rows]]) -> list[list[str]]:
+    def _read_block(self, source: Iterator[tuple[Stamps, Rows, RowBlock | None]]) -> list[list[str]]:
         """Read rows until the block is full; the first one decides which columns are text. Return a sample of cells."""
         sample: list[list[str]] = []
-        for lines, rows in source:
+        for lines, rows, row_block in source:
             first = len(self._lines)
+            if row_block is not self._row_block and self._row_block is not None:
+                self.breaks.append(first)
+            self._row_block = row_block
             self._lines.frombytes(lines.tobytes())
             if isinstance(rows, np.ndarray):
-                self._widths.frombytes(np.full(rows.shape[:1], rows.shape[1], dtype=np.int64).tobytes())
                 for column, numbers in zip(self._columns, rows.T, strict=True):
                     column.numbers.frombytes(numbers.tobytes())
             else:
+                self._require_width(lines, rows)
                 sample += rows[: SAMPLE - len(sample)]
-                for cell in map(str.strip, [] if self._columns else rows[0]):
-                    is_text = csv_form.is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
+                for at, cell in enumerate(map(str.strip, [] if self._columns else rows[0])):
+                    is_text = (
+                        self._is_dated(at) or csv_cells.is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
+                    )
                     self._columns.append(_Cells([] if is_text else None))
-                self._widths.extend(map(len, rows))
                 missing = (None,) * len(rows)
                 for column, cells in zip(self._columns, chain(zip_longest(*rows), repeat(missing)), strict=False):
                     self._add(column, first, cells)
+            for at, factor in row_block.factors.items() if row_block else ():
+                numbers = self._columns[at].numbers
+                numbers[first:] = array("d", (factor * number for number in numbers[first:]))
             if len(self._lines) >= min(MAX_ROWS, MAX_CELLS // max(1, len(self._columns))):
                 break
         return sample
 
-    def _read_rows(self) -> Iterator[tuple[Stamps, Rows]]:
-        """Yield the lines and cells of the next rows, as numbers where nothing else is in them; reports the share."""
+    def _require_width(self, lines: Stamps, rows: Sequence[list[str]]) -> None:
+        """Raise RecordingError for a row with more or fewer cells than the table: it is not known which is whose.
+
+        Names of remarks at the end need no cell, and empty cells at the end no name.
+        """
+        usual = Counter(map(len, rows)).most_common(1)[0][0]
+        if not self._width:
+            numbered = self.mapping.signals and all(isinstance(c.key, int) for c in self.mapping.list_columns())
+            self._width = usual if numbered or self.mapping.names else len(self.names) or usual
+        width, names = self._width, self.names
+        if usual != width and len(names) == width:
+            while width > usual and names[width - 1].casefold() in csv_form.REMARKS:
+                width -= 1
+        for line, cells in zip(lines.tolist(), rows, strict=True):
+            if width <= len(cells) <= self._width or (len(cells) > width and not any(map(str.strip, cells[width:]))):
+                continue
+            if len(cells) == usual and width == len(self.dialect.names) and line == self._lines[0]:
+                has = f"line {self.dialect.names_line} has {width} names, the rows have {usual} cells"
+                remedy = 'put a name with a delimiter in it in quotes ("), or give names: in a mapping, one a cell'
+                raise RecordingError(f"{self.path}: {has}: which is whose is not known; {remedy}")
+            has = f"the line has {len(cells)} cells, others have {width}"
+            raise RecordingError(
+                f"{self.path}:{line}: {has}; {csv_form.explain_width(cells, width, self.dialect.delimiter)}"
+            )
+
+    def _is_dated(self, at: int) -> bool:
+        """Return whether the mapping gives the pattern of a date for a column."""
+        time = self.mapping.time
+        return (
+            bool(time) and time is not None and bool(time.date) and self._index(time.key, max(self.width, at + 1)) == at
+        )
+
+    def _read_file(self) -> Iterator[tuple[Stamps, Rows, RowBlock | None]]:
+        """Yield the lines and cells of the next rows, and their block if there are several; reports the share."""
         size = max(1, self.path.stat().st_size)
         with self.path.open("rb") as file:
-            while part := file.read(PART if len(self._lines) >= SAMPLE else FIRST_PART):
-                part += file.readline(MAX_LINE)
+            for block in self._row_blocks or (None,):
+                file.seek(block.begin if block else 0)
+                self._line = block.line if block else 0
+                for lines, rows in self._read_rows(file, block.end if block else size, size):
+                    yield lines, block.reorder(rows) if block else rows, block
+
+    def _read_rows(self, file: BinaryIO, end: int, size: int) -> Iterator[tuple[Stamps, Rows]]:
+        """Yield the same up to byte `end`, as numbers where nothing else is in them."""
+        while part := file.read(min(PART if len(self._lines) >= SAMPLE else FIRST_PART, end - file.tell())):
+            part += file.readline(MAX_LINE) if file.tell() < end else b""
+            self._progress(file.tell() / size)
+            numbers = self._parse_plain(part)
+            if numbers is not None:
+                begin, self._line = self._line + 1, self._line + len(numbers)
+                yield np.arange(begin, self._line + 1), numbers
+                continue
+            whole = part.endswith(b"\n") and b'"' not in part and not self.dialect.encoding.startswith("utf-16")
+            if not whole:  # a cell may go on in the next part
+                file.seek(-len(part), SEEK_CUR)
+            rest = BytesIO(part) if whole else file if end == size else BytesIO(file.read(end - file.tell()))
+            for rows in self._split_cells(rest):
+                yield rows
                 self._progress(file.tell() / size)
-                numbers = self._parse_plain(part)
-                if numbers is not None:
-                    begin, self._line = self._line + 1, self._line + len(numbers)
-                    yield np.arange(begin, self._line + 1), numbers
-                    continue
-                whole = part.endswith(b"\n") and b'"' not in part and not self.dialect.encoding.startswith("utf-16")
-                if not whole:  # a cell may go on in the next part
-                    file.seek(-len(part), SEEK_CUR)
-                for rows in self._split_cells(BytesIO(part) if whole else file):
-                    yield rows
-                    self._progress(file.tell() / size)
 
     def _parse_plain(self, part: bytes) -> Values | None:
         """Return the numbers (n, columns) in lines after the sample, None if anything else may be in them.
@@ -264,7 +320,7 @@ class CsvTable(LogTable):
             self._line = before + reader.line_num
             kept = [at for at, cells in enumerate(batch) if self._is_row(cells)]
             if self._comments:
-                self.notes = (*self.dialect.notes, f"{self._comments} comment lines are left out")
+                self.notes = (*self._notes, f"{self._comments} comment lines are left out")
             if kept:
                 yield np.array([lines[at] for at in kept]), [batch[at] for at in kept]
         text.detach()
@@ -276,7 +332,7 @@ class CsvTable(LogTable):
         if not any(map(str.strip, cells)):
             return False
         first, in_head = cells[0].lstrip(), self._head > 0
-        comment = not in_head and first.startswith(csv_form.COMMENT_MARKS) and not csv_form.is_missing(first)
+        comment = not in_head and first.startswith(csv_form.COMMENT_MARKS) and not csv_cells.is_missing(first)
         self._head -= in_head
         self._comments += comment
         return not in_head and not comment
@@ -296,11 +352,11 @@ class CsvTable(LogTable):
             if column.texts is not None:
                 column.texts.append((cell or "").strip())
             try:
-                column.numbers.append(csv_form.parse_number(cell or "", mark))
+                column.numbers.append(csv_cells.parse_number(cell or "", mark))
                 continue
             except ValueError:
                 column.numbers.append(np.nan)
-            if cell is not None and (not cell.strip() or csv_form.is_missing(cell)):
+            if cell is not None and (not cell.strip() or csv_cells.is_missing(cell)):
                 column.blank = cell if not len(column.blanks) else column.blank
                 column.blanks.append(at)
             elif column.bad is None:
@@ -310,13 +366,13 @@ class CsvTable(LogTable):
         row, text = bad
         where = f"{self.path}:{self._lines[row]}: column {name}"
         if text is None:
-            return RecordingError(f"{where} is missing; the line has {self._widths[row]} cells")
+            return RecordingError(f"{where} is missing; expected a cell in each line")
         expected = "a number"
-        if csv_form.is_grouped(text):
+        if csv_cells.is_grouped(text):
             expected = "a number without thousands separators: export it so"
-        elif self.dialect.decimal != "." and csv_form.is_number(text, "."):
+        elif self.dialect.decimal != "." and csv_cells.is_number(text, "."):
             expected = f"decimals by '{self.dialect.decimal}' as elsewhere"
-        elif not text.strip() or csv_form.is_missing(text):
+        elif not text.strip() or csv_cells.is_missing(text):
             kind = "that" if text.strip() else "a blank"
             expected = f"a number (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
         return RecordingError(f"{where} is {text!r}; expected {expected}")

@@ -64,6 +64,7 @@ class LogTable(ABC):
     path: Path
     names: Sequence[str]
     notes: tuple[str, ...] = ()
+    breaks: Sequence[int] = ()  # rows (from 0) at which a block begins whose time may begin again
     rows = ""  # the path to the table inside the file
     unread: Mapping[str, str] = {}  # names of what cannot be a column, each with the reason
 

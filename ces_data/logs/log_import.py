@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -87,6 +87,7 @@ class TableClock:
     first_place: str = ""
     last_ns: int = 0
     shift_ns: int = 0
+    gap_ns: int = 0  # that is put between blocks
 
 
 def _of_table(table: LogTable, mapping: DynoMapping, rate: float, clock: TableClock) -> Recording:
@@ -107,7 +108,8 @@ def _of_table(table: LogTable, mapping: DynoMapping, rate: float, clock: TableCl
     count = next(iter(lengths.values()))
     if mapping.time is None:
         stamps = np.rint(np.arange(clock.rows, clock.rows + count) / rate * 1e9).astype(np.int64)
-        clock.rows += count
+        stamps = part_blocks(stamps, table.breaks, clock)
+        clock.rows, clock.last_ns = clock.rows + count, int(stamps[-1]) if count else 0
     else:
         stamps = read_times(table, mapping.time, count, clock)
     channels = {}
@@ -182,6 +184,7 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
         stamps = stamps + clock.shift_ns
     if len(stamps) != count:
         raise RecordingError(f"{table.path}: {len(stamps)} times for {count} values; expected one for each")
+    stamps = part_blocks(stamps, table.breaks, clock)
     if not clock.rows and count:
         clock.first_ns, clock.first_place = int(stamps[0]), table.place(0)
     places: Callable[[int], str] = lambda row: table.place(row - 1) if row else clock.first_place  # noqa: E731
@@ -190,6 +193,17 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
     _require_forward(joined, table.path, place, advice, clock.first_ns)
     clock.rows, clock.last_ns = clock.rows + count, int(joined[-1]) if len(joined) else 0
     return stamps
+
+
+def part_blocks(stamps: Stamps, breaks: Sequence[int], clock: TableClock) -> Stamps:
+    """Return the stamps with a gap before each of these rows: a block may begin again at zero, or where one ended."""
+    moved = stamps + clock.gap_ns
+    for row in breaks:
+        before = int(moved[row - 1]) if row else clock.last_ns
+        gap_ns = max(0, before + round(TableLimits.BLOCK_GAP_S * 1e9) - int(moved[row]))
+        moved[row:] += gap_ns
+        clock.gap_ns += gap_ns
+    return np.asarray(moved)
 
 
 def _rate(table: LogTable, source: float | LogColumn | None) -> float:

@@ -156,6 +156,10 @@ class DynoMapping:
         "anyOf": [{"required": ["position"]}, {"required": ["speed"]}], "not": {"required": ["time", "rate"]}
     }  # fmt: skip
 
+    def list_columns(self) -> list[LogColumn]:
+        """Return the columns of the time and of all signals."""
+        return [source for source in (self.time, *self.signals.values()) if isinstance(source, LogColumn)]
+
     def checked(self) -> Self:
         """Return it; raises MappingError unless there is a motion, and the units fit."""
         if not {"position", "speed"} & self.signals.keys():

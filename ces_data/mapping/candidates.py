@@ -13,7 +13,7 @@ import numpy as np
 from ces_data.bags.fields import FieldSeries, read_fields
 from ces_data.limits import TableLimits
 from ces_data.logs.log_file import LogTable, TimedLog
-from ces_data.logs.log_import import read_times
+from ces_data.logs.log_import import TableClock, part_blocks, read_times
 from ces_data.logs.log_mapping import LogColumn
 from ces_data.mapping.rating import Candidate, read_meaning, split_words
 from ces_data.recording import Stamps, Values
@@ -167,6 +167,7 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
     if time is None:
         rate_Hz = rate or (1000.0 if counted is None else float(counted.values[np.isfinite(counted.values)][0]))
         stamps = np.rint(np.arange(count) * (1e9 / rate_Hz)).astype(np.int64)
+        stamps = part_blocks(stamps, table.breaks, TableClock())
     else:
         stamps = read_times(table, time, count)
     candidates, keys = [], {}

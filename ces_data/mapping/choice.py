@@ -12,6 +12,7 @@ import numpy as np
 
 from ces_data.limits import RatingLimits, StatisticLimits
 from ces_data.mapping.rating import (
+    OR,
     OUTWARD,
     USUAL,
     Candidate,
@@ -31,7 +32,10 @@ from ces_data.units import Unit, find_unit
 
 @dataclass(frozen=True)
 class Choice:
-    """The candidate for a signal: SI value = scale * number + offset, the reasons, and what a person should check."""
+    """The candidate for a signal: SI value = scale * number + offset, the reasons, and what a person should check.
+
+    `guesses` are to be checked, too, but are taken with a warning: what nothing confirms and nothing contradicts.
+    """
 
     signal: str
     candidate: Candidate
@@ -41,6 +45,12 @@ class Choice:
     reasons: tuple[str, ...]
     checks: tuple[str, ...]
     others: tuple[Rating, ...]
+    guesses: tuple[str, ...] = ()
+
+    @property
+    def to_check(self) -> tuple[str, ...]:
+        """All that a person should check."""
+        return (*self.checks, *self.guesses)
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,7 @@ class Selection:
     def checks(self) -> tuple[str, ...]:
         """What a person should check before the proposal is used."""
         choices = [choice for damper in self.dampers.values() for choice in damper.choices.values()]
-        return tuple(f"{choice.signal}: {check}" for choice in choices for check in choice.checks)
+        return tuple(f"{choice.signal}: {check}" for choice in choices for check in choice.to_check)
 
     @property
     def missing(self) -> tuple[NotFound, ...]:
@@ -86,6 +96,7 @@ class Selection:
 MAX_STROKES, MAX_FORCES = 12, 40  # candidates that are compared in pairs, the best by name and unit
 ALONE = "by its numbers alone, nothing in its name says so"
 UNCHECKED = "the sign could not be checked"
+OPPOSITE = "force and position have opposite signs; one of them is positive in rebound"
 SI = {"m", "N", "A", "V", "m/s", "m/s2", "degC"}
 
 
@@ -274,6 +285,7 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
 def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[str]) -> Choice:
     unit, text = guess_unit(rating.candidate, rating.signal)
     stated, usual = rating.candidate.unit is not None, unit is not None and unit.text in SI
+    guessed = usual and not stated and not rating.candidate.kind and OR in text  # messages of ROS are in SI units
     doubts = [*checks, *rating.against]
     if unit is None or not (stated or usual):
         doubts.append(text)
@@ -282,7 +294,8 @@ def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[st
     scale, offset = (unit.scale, unit.offset) if unit else (1.0, 0.0)
     reasons = [reason for reason in rating.reasons if reason != ALONE]
     reasons += [text] if usual and not stated else []
-    return Choice(rating.signal, rating.candidate, unit, scale, offset, tuple(reasons), tuple(doubts), others)
+    guesses = (f"no unit is stated; {text}",) if guessed else ()
+    return Choice(rating.signal, rating.candidate, unit, scale, offset, tuple(reasons), tuple(doubts), others, guesses)
 
 
 def _unit_of_speed(factor: float) -> Unit | None:
@@ -317,14 +330,15 @@ def _find_sign_of_force(choices: dict[str, Choice], table: MotionTable, motion: 
     if not abs(correlation) >= StatisticLimits.DAMPING:
         unknown = "too few samples to compare force and speed"
         text = unknown if np.isnan(correlation) else f"force and speed hardly correlate ({correlation:+.2f})"
-        return {**choices, "force": replace(force, checks=(*force.checks, f"{UNCHECKED}: {text}"))}
+        guess = f"{UNCHECKED}: {text}; taken as logged"
+        return {**choices, "force": replace(force, guesses=(*force.guesses, guess))}
     outward = find_word(position.candidate.names, OUTWARD)
     low, high = np.percentile(force.candidate.finite, (1.0, 99.0))  # the larger peak, if it is clearly larger
     negative, positive = (
         low < 0.0 < high and -low > RatingLimits.ASYMMETRY * high,
         low < 0.0 < high and high > -RatingLimits.ASYMMETRY * low,
     )
-    reason = f"force goes against the speed ({correlation:+.2f}), so one of the two is positive in rebound"
+    reason = f"{OPPOSITE.replace('position', motion)} ({correlation:+.2f})"
     if outward:
         position = _turn(position, f"named '{outward}', so positive in rebound")
     if (correlation < 0.0) == bool(outward):
@@ -338,8 +352,8 @@ def _find_sign_of_force(choices: dict[str, Choice], table: MotionTable, motion: 
     elif positive:
         force = _turn(force, f"{reason}; the force's larger peak, that in rebound, is positive")
     else:
-        text = f"which of the two is positive in rebound cannot be known from the numbers; turn the {motion} instead if"
-        force = _turn(replace(force, checks=(*force.checks, f"{text} it is")), reason)
+        guess = f"{reason}, and the numbers do not show which: the force is turned; if it is the {motion}, turn that"
+        force = _turn(replace(force, guesses=(*force.guesses, guess)), reason)
     return {**choices, motion: position, "force": force}
 
 

@@ -19,7 +19,7 @@ from ces_data.logs.log_file import LogTable, Progress, TimedLog, open_log
 from ces_data.logs.log_import import read_blocks
 from ces_data.logs.log_mapping import DynoMapping, LogColumn, parse_dyno_mapping
 from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates, find_log_candidates
-from ces_data.mapping.choice import UNCHECKED, Choice, NotFound, Selection, choose
+from ces_data.mapping.choice import Choice, NotFound, Selection, choose
 from ces_data.mapping.rating import Candidate, Rating
 from ces_data.recording import Recording
 from ces_observer.errors import OptionName, RecordingError
@@ -188,7 +188,7 @@ def split_damper(path: Path) -> tuple[Path, str]:
 
 
 class _MappingWriter:
-    """Writes a proposed mapping: `missing` is needed, `doubts` a person checks, `remarks` are taken as logged."""
+    """Writes a proposed mapping: `missing` is needed, `doubts` a person checks, `remarks` are taken and said."""
 
     def __init__(
         self,
@@ -215,9 +215,8 @@ class _MappingWriter:
         self.missing = [f"{missing.signal}: {missing.reason}" for missing in unknown]
         if not candidates.time_text:
             self.missing.append(f"time: {candidates.unread.get('time', NO_TIME)}")
-        checks = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
-        self.remarks = tuple(check for check in checks if UNCHECKED in check)
-        self.doubts = [check for check in checks if UNCHECKED not in check]
+        self.doubts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
+        self.remarks = tuple(f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses)
         if candidates.time_doubt:
             self.doubts.append(candidates.time_doubt)
         if names and not damper:
@@ -247,7 +246,10 @@ class _MappingWriter:
             return f"column: {_key_text(self._column(c).key)}"
 
         yield from MAPPING_HEAD.format(name=_one_line(self.name)).splitlines()
-        for doubt in self.doubts:
+        if any(choice.to_check for choice in self.choices.values()):
+            yield from _comment(f"Lines with {CHECK} are to be confirmed before the file is used.")
+        own = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
+        for doubt in (doubt for doubt in self.doubts if doubt not in own):
             yield from _comment(f"{CHECK}: {doubt}")
         yield from self._layout()
         yield from self._time()
@@ -321,7 +323,7 @@ def _explain(choice: Choice, indent: str = "") -> Iterator[str]:
     c = choice.candidate
     yield from _comment(f"{choice.signal}: {'; '.join(choice.reasons)}.", indent)
     yield from _comment(f"range {c.low:.4g} to {c.high:.4g} as logged, {c.rate_Hz:.4g} Hz", indent)
-    for check in choice.checks:
+    for check in choice.to_check:
         yield from _comment(f"{CHECK}: {check}", indent)
     yield from _list_others("not chosen", choice.others, indent)
 

@@ -13,6 +13,7 @@ from itertools import compress
 
 import numpy as np
 
+from ces_data.findings import rate_between_pauses
 from ces_data.limits import RatingLimits, StatisticLimits
 from ces_data.recording import Stamps, Values
 from ces_data.units import QUANTITIES, Unit, find_unit
@@ -91,9 +92,8 @@ class Candidate:
 
     @cached_property
     def rate_Hz(self) -> float:
-        """Mean rate; 0 if the span of the stamps is empty."""
-        span = int(self.stamps_ns.max() - self.stamps_ns.min()) if len(self.stamps_ns) else 0
-        return (len(self.stamps_ns) - 1) * 1e9 / span if span else 0.0
+        """Mean rate between pauses; 0 if the span of the stamps is empty."""
+        return rate_between_pauses(self.stamps_ns)
 
 
 STRONG = {
@@ -205,6 +205,9 @@ USUAL = {  # units to try where none is stated, the likeliest first
 }
 
 
+OR = "or in "  # before units that a guess leaves open
+
+
 def guess_unit(candidate: Candidate, signal: str) -> tuple[Unit | None, str]:
     """Return the unit of a candidate if it is this signal, stated or likeliest by its range (None: none), and why."""
     if candidate.unit is not None:
@@ -222,7 +225,7 @@ def guess_unit(candidate: Candidate, signal: str) -> tuple[Unit | None, str]:
     text = f"taken as {chosen}, because its {what} of {number:.4g} is plausible in {chosen}"
     excluded = usual[: usual.index(chosen)]
     text += f" and not in {', '.join(excluded)}" if excluded else ""
-    text += f" (or in {' or '.join(others)}, which would be plausible, too)" if others else ""
+    text += f" ({OR}{' or '.join(others)}, which would be plausible, too)" if others else ""
     return find_unit(chosen), text
 
 

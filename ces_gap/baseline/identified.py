@@ -106,10 +106,10 @@ def identify_baseline(
     if not references:
         raise GapError("a baseline cannot be identified without references; pass recordings free of the effect")
     limits = Limits(starts=STARTS, threads=threads)
-    progress("identifying a model of the references", 0.0)
 
-    def listen(result: SearchResult) -> None:
-        progress(f"identifying a model of the references: cost J = {result.cost:.2f} %", 0.0)
+    def listen(news: SearchResult | str) -> None:
+        text = news if isinstance(news, str) else f"cost J = {news.cost:.2f} %"
+        progress(f"identifying a model of the references: {text}", 0.0)
 
     sizes = default_sizes()
     fitter: Fitter = BestStructure(sizes) if structure == AUTO else select_fitter(structure, sizes)

@@ -60,11 +60,11 @@ class ComparedModel:
         """The model if it is one, None for any other simulation."""
         return self.simulation.model if isinstance(self.simulation, ModelSimulation) else None
 
-    def use_of(self, recording: Recording, part: tuple[float, float]) -> str:
-        """Return TRAINED if the model was identified on some of this `part` of the recording, TEST, or UNKNOWN."""
-        if find_known_recording(recording, {"identification": list(self.trained_on)}, part):
+    def use_of(self, recording: Recording) -> str:
+        """Return TRAINED if the model was identified on some of the recording, TEST, or UNKNOWN."""
+        if find_known_recording(recording, {"identification": list(self.trained_on)}):
             return TRAINED
-        return TEST if self.training_known and recording.sha256 else UNKNOWN
+        return TEST if self.training_known and recording.source else UNKNOWN
 
 
 def make_compared_model(name: str, simulation: Simulation, source: str = "") -> ComparedModel:
@@ -114,20 +114,19 @@ class AlignedRecording:
         return np.asarray(self.measured[self.scored] - self.forces[:, self.scored])
 
 
-def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[float, float]) -> AlignedRecording:
-    """Run all models over `recording`; stamps outside its `part` (shares from 0 to 1) are not scored.
+def align(models: Sequence[ComparedModel], recording: Recording) -> AlignedRecording:
+    """Run all models over `recording`.
 
     Raises RecordingError if there are too few stamps at which all models and the measurement have a force.
     """
     if "force" not in recording.channels:
         raise RecordingError(f"{recording.name}: no measured force to compare with; describe it in the signals file")
     position = recording.channel("position")
-    stamps, n = position.stamps_ns, len(position.stamps_ns)
+    stamps = position.stamps_ns
     measured, time_s = force_at(recording, stamps, TickLimits.MIN_GAP_S), (stamps - stamps[0]) * 1e-9
     runs = [_run(model, recording, measured) for model in models]
     forces, diverged = np.stack([force for force, _, _ in runs]), tuple(lost for _, _, lost in runs)
     counted = np.isfinite(measured) & np.isfinite(position.values) & _past_warm_up(time_s)
-    counted &= (np.arange(n) >= round(part[0] * n)) & (np.arange(n) < round(part[1] * n))
     counted &= (np.isfinite(forces) | np.array(diverged)[:, None]).all(axis=0)
     if counted.sum() < TickLimits.MIN_SCORED:
         raise RecordingError(

@@ -98,7 +98,6 @@ class Comparison(PrintedResult):
     models: tuple[ModelResult, ...]
     recordings: tuple[AlignedRecording, ...]
     pairs: tuple[PairResult, ...]
-    part: tuple[float, float]
 
     @property
     def test_names(self) -> tuple[str, ...]:
@@ -169,7 +168,6 @@ class Comparison(PrintedResult):
 def compare(
     models: Sequence[ComparedModel],
     recordings: Sequence[Recording],
-    part: tuple[float, float] = (0.0, 1.0),
     *,
     announce: Callable[[str], None] = lambda step: None,
 ) -> Comparison:
@@ -190,11 +188,11 @@ def compare(
     aligned = []
     for n, recording in enumerate(recordings, 1):
         announce(f"simulating {recording.name} with {len(models)} models ({n} of {len(recordings)} recordings)")
-        aligned.append(align(models, recording, part))
+        aligned.append(align(models, recording))
     announce("comparing")
-    uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
+    uses = [[model.use_of(recording) for recording in recordings] for model in models]
     results, pairs = score_models(models, aligned, uses), compare_pairs(names, aligned, uses)
-    return Comparison(tuple(results), tuple(aligned), tuple(pairs), part)
+    return Comparison(tuple(results), tuple(aligned), tuple(pairs))
 
 
 def name_sources(sources: Sequence[str]) -> list[str]:

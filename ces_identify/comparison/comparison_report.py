@@ -105,7 +105,6 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
     """Return the comparison as mappings, lists, texts and numbers."""
     names = [model.name for model in comparison.models]
     return {
-        "part": list(comparison.part),
         "recordings": [
             {"name": r.name, "source": r.source, "sha256": r.sha256, "scored_s": round(r.seconds, 3)}
             for r in comparison.recordings

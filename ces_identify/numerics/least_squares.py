@@ -9,17 +9,25 @@ past forces. A descent is an iterator: it goes on until the caller stops.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from ces_data.arrays import F, I, Mask
 
 BLOCK = 256  # ticks of sensitivities in memory at a time
 TILE = 8  # ticks added to the normal matrix in one pass over it
+
+
+def one_blas_thread() -> AbstractContextManager[object]:
+    """Return a context in which BLAS has one thread: matrices are small here, and idle threads spin on busy cores."""
+    limited: AbstractContextManager[object] = threadpool_limits(1, "blas")
+    return limited
 
 
 @njit(cache=True, nogil=True)

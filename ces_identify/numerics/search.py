@@ -84,7 +84,7 @@ class SearchResult:
     met: tuple[SearchResult, ...] = ()
 
 
-Listener = Callable[[SearchResult], None]
+Listener = Callable[[SearchResult | str], None]  # of an improvement, the end of a start, or the step that begins
 
 
 def spread_work(limits: Limits, ticks: int) -> Limits:

@@ -20,6 +20,7 @@ from ces_data.frames import import_pandas
 from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs, as_path, as_recordings
 from ces_data.recording import join_days
 from ces_identify.identification import identify
+from ces_identify.numerics.least_squares import one_blas_thread
 from ces_identify.numerics.search import SearchResult
 from ces_identify.options import IdentifyRequest
 from ces_identify.prepare.series import Series, prepare
@@ -84,7 +85,8 @@ class Model(model.Model):
         require_sound(findings, ignored)
         for finding in findings:
             warnings.warn(finding.text, stacklevel=3)
-        result = identify(given, held_out, how, fitter=fitter).require_explained(findings, ignored)
+        with one_blas_thread():
+            result = identify(given, held_out, how, fitter=fitter).require_explained(findings, ignored)
         return replace(cls.of(result.model), evaluations=result.evaluations, search_results=result.search_results)
 
     def simulate(

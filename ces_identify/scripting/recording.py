@@ -89,29 +89,9 @@ class Recording(recording.Recording):
     def __len__(self) -> int:
         return len(self.channels["position"]) if "position" in self.channels else 0
 
-    @property
-    def duration_s(self) -> float:
-        """Time [s] from the first to the last position sample."""
-        return float(np.ptp(self.channel("position").stamps_ns)) * 1e-9 if len(self) else 0.0
-
     def to_frame(self) -> Any:
         """Return a DataFrame on the position's times [s]; a unit ends each name, after `_held` or `_interp` if so."""
         return to_frame(self)
-
-    def part(self, from_s: float = 0.0, to_s: float = float("inf")) -> Self:
-        """Return the samples from `from_s` up to `to_s` after the first position sample. Raises RecordingError."""
-        if not all(isinstance(end, int | float) for end in (from_s, to_s)) or not 0.0 <= from_s < to_s:
-            raise RecordingError(f"part({from_s}, {to_s}): expected 0 <= from_s < to_s")
-        if from_s > self.duration_s:
-            raise RecordingError(f"part({from_s:g}, {to_s:g}): {self.name} has {self.duration_s:.3f} s")
-        begin, (low, high) = int(self.channel("position").stamps_ns.min()), (1e9 * from_s, 1e9 * to_s)
-        channels = {
-            name: channel.select((channel.stamps_ns - begin >= low) & (channel.stamps_ns - begin < high))
-            for name, channel in self.channels.items()
-        }
-        whole = from_s == 0.0 and to_s > self.duration_s
-        span = f"{from_s:g}-{min(to_s, self.duration_s):.3g} s"
-        return self if whole else replace(self, name=f"{self.name} {span}", channels=channels, sha256="")
 
     def resample(self, rate_Hz: float) -> Self:
         """Return the recording with all channels on even times: currents held, others interpolated, no gap bridged."""

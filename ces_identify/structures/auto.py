@@ -16,7 +16,7 @@ from math import inf
 
 from ces_data.arrays import F
 from ces_identify.limits import ChoiceLimits
-from ces_identify.numerics.search import INTERRUPTED, THESIS, Listener, clock_s
+from ces_identify.numerics.search import INTERRUPTED, THESIS, Listener, SearchResult, clock_s
 from ces_identify.prepare.series import Series
 from ces_identify.structures import KITS, run_batch
 from ces_identify.structures.forgetting import find_forgetting
@@ -97,7 +97,8 @@ class _Fits:
         own = replace(mine, work=limits.work * work, hopeless=hopeless, stop=self._stop)
         try:
             how = replace(self.options, limits=own)
-            fitted = KITS[name].fitter(self.sizes)(self.series, self.sampling, how, self.listener)
+            self.listener(f"fitting {name}")
+            fitted = KITS[name].fitter(self.sizes)(self.series, self.sampling, how, self._tell)
         except CesError:
             return
         except KeyboardInterrupt:
@@ -108,6 +109,10 @@ class _Fits:
         cost = self.fits[name].cost if name in self.fits else inf
         if fitted.cost < cost and find_forgetting(fitted.model, self.series, how.forget, run_batch).suffices:
             self.fits[name] = fitted
+
+    def _tell(self, news: SearchResult | str) -> None:
+        """Pass on a cost without its share of the work, which is that of one structure."""
+        self.listener(news if isinstance(news, str) else replace(news, share=0.0))
 
     def alike(self) -> list[str]:
         """Return the structures whose cost is at most ALIKE times the least, best first."""
@@ -177,6 +182,7 @@ def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
         short = replace(options, limits=replace(limits.within(end), work=ChoiceLimits.SHORT_WORK))
         costs = {option: fitted.cost}
         for name in physical_structures():
+            listener(f"fitting {name} to compare with")
             try:
                 costs[name] = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None).cost
             except CesError:

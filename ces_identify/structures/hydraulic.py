@@ -55,8 +55,10 @@ def _fit(
     scales = read_scales(training, sampling.rate_Hz, how.forget)
     held = is_held(training, sampling.rate_Hz)
     search = PhysicalSearch(how.limits, tell)
+    tell("fitting hydraulic networks")
     fits = search.run(training, scales, kinds, rows, held)
     require_models([fit.result for fit in fits], Hydraulic.option)
+    tell("last fit of the hydraulic network")
     best = replace(fits[0], theta=search.refit(fits[0]))
     if not measure_forgetting(_build_model(best, sampling), series, how.forget).suffices:
         best = replace(best, models=replace(best.models, leaks=True))
@@ -70,6 +72,7 @@ def _fit(
         "undetermined": quantities.find_undetermined(best.models, best.theta, best.strength),
     }
     if how.limits.work >= SHORT_WORK:
+        tell("finding standard errors of the hydraulic network")
         facts[quantities.ERRORS] = quantities.describe_errors(best.models, best.theta, best.strength)
     refit = partial(_refit, search, best, sampling)
     return Fitted(_build_model(best, sampling), [f.result for f in fits], facts, refit, leave_out_recordings=False)

@@ -83,15 +83,18 @@ class LaggedShape(ABC):
     ) -> Fitted:
         """Return the best model; raises CesError if no start gives one. Rules and limits on terms do not apply."""
         data = build_training(series, options.weight)
+        listener(f"choosing the inputs of the {self.option}")
         shape = self if self.lags is not None else self._choose_lags(data, sampling.rate_Hz, options)
         family = shape.family(data, sampling.rate_Hz)
         gain = largest_gain(options.forget, *longest_lags(family.columns), sampling.rate_Hz)
+        listener(f"training the {self.option}")
         results = train(family, options.limits, options.certificate, listener, min(StabilityLimits.MAX_GAIN, gain))
         require_models(results, self.option)
         params = results[0].coefficients
         family = next(rung for rung in family.ladder() if rung.size == len(results[0].chosen))
         model = family.model(params, sampling)
         if options.certificate:
+            listener("proving stability")
             certificate = model.certify()
             if not certificate.holds:
                 advice = "try other sizes or give "

@@ -71,11 +71,14 @@ def fit_polynomial(
     neither that fit nor a constraint on stability; its model has a certificate if the proof succeeds.
     """
     end = clock_s() + options.limits.time
+    listener("finding time constants and candidates of the polynomial")
     problem = build_problem(training, options)
+    listener("choosing terms of the polynomial")
     results = [f for f in search(problem, options.limits.within(end), listener) if f.cost < 100.0]
     if not results:
         raise CesError(NO_MODEL_BY_THESIS if options.limits.method == THESIS else NO_CANDIDATE)
     by_terms = costs_by_terms(results)
+    listener("fitting the chosen terms and proving stability")
     method = f"{options.limits.method}, judged by free run"
     how = {"method": method, "candidates": len(problem.candidates), "most_terms": options.limits.term_limit}
     if options.limits.method == THESIS:

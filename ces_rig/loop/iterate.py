@@ -55,7 +55,7 @@ class IterateListener:
     def begin(self, number: int, step: str) -> None:
         """Receive the number of the iteration and the step that begins."""
 
-    def listen_search(self, result: SearchResult) -> None:
+    def listen_search(self, news: SearchResult | str) -> None:
         """Receive an improvement of the search."""
 
     def finish(self, iteration: Iteration) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import re
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import ces
+from ces_data.samples import without_spikes
 from ces_observer.estimator import Estimator
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -117,6 +119,7 @@ def test_steady_forces_follow_speed_and_current(model):
 def test_a_recording_is_cut_resampled_shown_and_written(road, tmp_path):
     part = road.part(2.0, 5.0)
     assert len(part) == 3000 and part.duration_s == pytest.approx(3.0, abs=0.01) and "2-5 s" in repr(part)
+    assert without_spikes(part, split=0.75).duration_s == part.duration_s
     even = part.resample(250.0)
     assert len(even) == pytest.approx(750, abs=2) and set(even.channels) == {"position", "current", "force"}
     part.save(tmp_path / "bag")
@@ -191,8 +194,8 @@ MISTAKES = {
     ),
     "threads": (lambda m, r: ces.diagnose(m, r, threads="two"), "threads is 'two'; expected a whole number"),
     "a parameter": (lambda m, r: ces.calibrate(lambda t, x, i, *, c=2.0: c * x, r, fit="z"), "has no such parameter"),
-    "a part": (lambda m, r: r.part(5, 2), "expected 0 <= from_s < to_s"),
-    "a part beyond": (lambda m, r: r.part(500), "road has 21.999 s"),
+    "a part": (lambda m, r: r.part(5, 2), "expected 0 <= from < to"),
+    "a part beyond": (lambda m, r: r.part(500), "no part from 500 s to inf s; it has 21.999 s"),
     "a rate": (lambda m, r: r.resample(0), "expected a rate above 0"),
     "a column": (lambda m, r: ces.Recording.from_frame(columns(), columns={"position": "z"}), "no column 'z'"),
     "columns": (lambda m, r: ces.Recording.from_frame(columns(), columns="x"), "columns: expected columns by signal"),
@@ -208,3 +211,19 @@ def test_a_mistake_is_one_line(call, text, model, road, tmp_path, monkeypatch):
     with pytest.raises(ces.CesError, match=text) as error:
         call(model, road)
     assert "\n" not in str(error.value)
+
+
+def test_blas_has_one_thread_while_a_model_is_identified():
+    # Where NumPy was imported before, as in notebooks, waiting threads of BLAS would take the cores from the search.
+    script = (
+        "import sys; sys.path.insert(0, 'test/ces'); import numpy; from threadpoolctl import threadpool_info\n"
+        "import ces, ces_identify.scripting.model as scripting; from test_door import QUICK, columns\n"
+        "blas = lambda: {pool['num_threads'] for pool in threadpool_info() if pool['user_api'] == 'blas'}\n"
+        "search = scripting.identify\n"
+        "scripting.identify = lambda *given, **more: print('within', blas()) or search(*given, **more)\n"
+        "before = blas(); ces.identify(columns(), **QUICK); assert blas() == before, blas()\n"
+    )
+    unset = {name: text for name, text in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    command = [sys.executable, "-c", script]
+    ended = subprocess.run(command, check=False, cwd=ROOT, env=unset, text=True, capture_output=True)
+    assert (ended.returncode, ended.stdout) == (0, "within {1}\n"), ended.stderr

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 import shutil
 from collections.abc import Iterator
@@ -80,7 +79,11 @@ identify one --structure anfis --rules 1x2 | at least 2
 identify one --structure anfis --rules 20x4 | makes 80 rules
 validate model.json | no recording given
 validate model.json b.csv | b.csv: position: 'x' has 2 samples
-validate model.json two --part 1:0 | --part
+validate model.json two --part 1 0 | no part from 1.0 s to 0.0 s; expected 0 <= from < to
+validate model.json two --part 90 99 | no part from 90 s to 99 s; it has
+characterise two --part 1 1.00001 | expected at least 2
+diagnose --sim model.json --real two --part 1 two --out new | found 'two'; expected a number from 0 s
+identify one --campaign c.yaml --out new --part 0 1 | --part does not apply to campaigns
 validate model.json two --weight everything=2 | --weight everything=2: expected zero_crossing
 validate model.json two --report taken | taken: exists; choose another name
 validate model.json two --report new.pdf | a report is an HTML page; expected a name that ends in .html
@@ -240,7 +243,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, shared_model: SharedResults
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(here)
         patch.syspath_prepend(here)
-        patch.setattr("ces_cli.terminal.progress.LOG_EVERY_S", math.inf)  # else a busy computer logs progress
+        patch.setattr("ces_cli.terminal.heartbeat.QUIET_S", 1e6)  # else a busy computer logs progress
         yield here
 
 

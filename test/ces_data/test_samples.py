@@ -98,7 +98,7 @@ def test_gaps_are_counted_and_kept_out_of_the_jitter():
     result = stats(even)
     assert (result.gaps, result.jitter_s) == (2, 0.0)
     assert result.longest_s == pytest.approx(0.041)
-    assert result.rate_Hz == pytest.approx(299 / 0.344)
+    assert result.rate_Hz == pytest.approx(298 / 0.303)  # without the pause of 41 ms, which is rare
 
 
 def test_jitter_is_the_spread_of_the_intervals():

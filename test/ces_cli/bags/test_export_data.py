@@ -85,7 +85,7 @@ def test_parquet_states_units_and_origin(bag, tmp_path):
 def test_a_model_adds_its_estimates(tmp_path):
     model = ROOT / "config" / "models" / "sample.json"
     recording = read_recording(ROOT / "bags" / "sine_4hz", load_signals())
-    part = recording.part(0.0, 0.1)
+    part = recording.share(0.0, 0.1)
     write_bag(tmp_path / "short", recording_topics(part, load_signals()))
     assert run(tmp_path / "short", "--model", model, "--out", tmp_path / "short.csv") == 0
     table = columns(tmp_path / "short.csv")

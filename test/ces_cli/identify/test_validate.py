@@ -59,19 +59,19 @@ def printed(work):
     """Output of `ces validate` with weights for a held-out bag and a bag of repeated cycles."""
     words = ("--weight", "zero_crossing:0.1=3", "--weight", "current:0.6..0.7=2", "--report", "v.html")
     with (work / "printed").open("w") as out, redirect_stdout(out):
-        assert ces("validate", "model.json", "one", *words, "--part", "0.5:1", "cycles") == 0
+        assert ces("validate", "model.json", "one", *words, "--part", "5", "99", "cycles") == 0
     return (work / "printed").read_text()
 
 
 def test_costs_come_with_interval_floor_and_weighted_cost(work, printed):
     model, row = (
         load_model(work / "model.json"),
-        next(line for line in printed.splitlines() if "cycles" in line).split(),
+        next(line for line in printed.splitlines() if "cycles 5-" in line).split(" s ", 1)[1].split(),
     )
-    series = prepare(read_recording(work / "cycles", DEFAULT), model.sampling).part(0.5, 1.0)
+    series = prepare(read_recording(work / "cycles", DEFAULT).part(5.0, 99.0), model.sampling)
     scored, force = series.scored, simulate_series(model, series).force
     weights = parse_weighting(["zero_crossing:0.1=3", "current:0.6..0.7=2"]).tick_weights(series)[scored]
-    cost, low, _, high, floor, weighted = row[4:10]
+    cost, low, _, high, floor, weighted = row[3:9]
     assert float(low) <= float(cost) <= float(high)
     noise = 100.0 * 8.0 / series.force[scored].std()
     assert 0.6 * noise < float(floor) < 1.15 * noise  # interpolation at the ticks takes some of the noise away
@@ -81,7 +81,7 @@ def test_costs_come_with_interval_floor_and_weighted_cost(work, printed):
 
 def test_residuals_take_a_line_each(printed):
     lines = printed.splitlines()
-    assert sum(line.startswith("residual of cycles: ") for line in lines) == 2
+    assert sum(line.startswith("residual of cycles 5-9 s: ") for line in lines) == 2
 
 
 def test_the_report_shows_them_too(work, printed):

@@ -137,12 +137,12 @@ def test_a_model_knows_copies_and_parts_of_what_it_was_identified_on():
         "recording": "first",
         "sha256": "",
         "share": [0.0, 0.5],
-        "marks": " ".join(recording_marks(whole.part(0.0, 0.5))),
+        "marks": " ".join(recording_marks(whole.share(0.0, 0.5))),
     }
     provenance = {"identification": [used]}
     assert find_known_recording(made("renamed", seconds=20.0), provenance) == "first"
     assert find_known_recording(part(whole, 2.0, 8.0), provenance) == "first"
-    assert find_known_recording(made("renamed", seconds=20.0), provenance, (0.5, 1.0)) == ""
+    assert find_known_recording(made("renamed", seconds=20.0).part(10.0), provenance) == ""
     assert find_known_recording(part(whole, 11.0, 20.0), provenance) == ""
     assert find_known_recording(made("other", 2), provenance) == ""
 
@@ -166,11 +166,11 @@ def test_a_model_knows_a_copy_that_went_through_a_table():
 
 
 def test_older_model_files_know_the_bytes_of_their_bags():
-    def known(given, sha256="a1", share=(0.0, 1.0)):
-        return find_known_recording(replace(made(), sha256=sha256), {"identification": given}, share)
+    def known(given, sha256="a1"):
+        return find_known_recording(replace(made(), sha256=sha256), {"identification": given})
 
     row = {"recording": "first", "sha256": "a1", "share": [0.0, 0.5]}
-    assert (known([row]), known([row], share=(0.5, 1.0)), known([row], "b2")) == ("first", "", "")
+    assert (known([row]), known([row], "b2")) == ("first", "")
     assert known([{"recording": "old", "sha256": "a1"}]) == "old"
     for damaged in (None, "a1", [1, "a1"], [{"marks": "zz 12"}, {"marks": 3, "sha256": 4}]):
         assert known(damaged) == ""

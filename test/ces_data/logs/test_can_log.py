@@ -244,3 +244,61 @@ def test_mistakes_are_one_line_mdf(tmp_path):
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(CesError, match="not an MDF file, or damaged"):
         import_log(path, mapping())
+
+
+# ------------------------------------------- Text logs that python-can alone reads in part, or not.
+
+
+def frame_lines(folder, form):
+    """Return lines with the frames of position and force, `form` of time, time since the line before, and data."""
+    damper, before = database(folder).get_message_by_name("Damper"), 0.0
+    for t, x, f in zip(T - 1.0, X, F, strict=True):
+        data = damper.encode({"Stroke": 1000 * x, "Force": f}, strict=False)
+        yield form(t, t - before, " ".join(f"{byte:02X}" for byte in data))
+        before = t
+
+
+HEAD = "date Wed May 1 12:00:00.250 pm 2024\nbase hex  timestamps {}\n"
+ASC = "   {0:.6f} 1  100             Rx   d 8 {1}\n"
+TEXTS = {
+    "times before a trigger": ("log.asc", HEAD.format("absolute"), lambda t, d, data: ASC.format(t, data)),
+    "relative times": ("log.asc", HEAD.format("relative"), lambda t, d, data: ASC.format(d, data)),
+    "candump -ta": ("log.log", "", lambda t, d, data: f" ({t + 9:.6f})  can0  100   [8]  {data}\n"),
+    "candump -ta -x": ("log.log", "", lambda t, d, data: f" ({t + 9:.6f})  can0  RX - -  100   [8]  {data}\n"),
+}
+WITHOUT_CURRENT = MAPPING.replace("{column: Valve.Current}", "{constant: 0.0}")
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+def test_every_frame_of_a_text_log_is_read_at_its_time(folder, kind):
+    name, head, form = TEXTS[kind]
+    (folder / name).write_text(head + "".join(frame_lines(folder, form)))
+    recording = import_log(folder / name, parse_dyno_mapping(WITHOUT_CURRENT, str(folder / "map.yaml")))
+    for signal, values in (("position", X), ("force", F)):
+        channel = recording.channel(signal)
+        np.testing.assert_allclose(channel.values, values, atol=1e-4 * np.abs(values).max())
+        np.testing.assert_allclose(np.diff(channel.stamps_ns) * 1e-9, np.diff(T), atol=3e-6)
+
+
+def test_candump_without_times_is_refused_with_the_line(folder):
+    (folder / "log.log").write_text("".join(frame_lines(folder, lambda t, d, data: f"  can0  100   [8]  {data}\n")))
+    with pytest.raises(
+        CesError, match=r"log.log:1: candump's console output, which has no times; record .* candump -l"
+    ):
+        import_log(folder / "log.log", parse_dyno_mapping(WITHOUT_CURRENT, str(folder / "map.yaml")))
+
+
+def test_values_that_the_database_calls_not_available_are_missing(folder):
+    (folder / "rig.dbc").write_text(DBC + 'VAL_ 256 Force 2147483647 "Signal not available" -1 "low" ;\n')
+    none = bytes.fromhex("FF FF FF 7F")
+    count = iter(range(len(T)))
+
+    def form(t, d, data):
+        raw = bytes.fromhex(data)
+        return ASC.format(t + 2.0, (raw[:4] + none if next(count) % 10 == 3 else raw).hex(" "))
+
+    (folder / "log.asc").write_text(HEAD.format("absolute") + "".join(frame_lines(folder, form)))
+    recording = import_log(folder / "log.asc", parse_dyno_mapping(WITHOUT_CURRENT, str(folder / "map.yaml")))
+    there = np.arange(len(T)) % 10 != 3
+    np.testing.assert_allclose(recording.channel("force").values, F[there], atol=1e-3)
+    assert len(recording.channel("position")) == len(T)

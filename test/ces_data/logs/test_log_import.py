@@ -108,7 +108,8 @@ def test_plain_lines_at_once_are_what_they_are_cell_by_cell(tmp_path, monkeypatc
         for n, (row, end) in enumerate(zip(cells, ends, strict=True))
     )
     (tmp_path / "log.csv").write_bytes(f"t{marks[0]}x{marks[0]}F\n{''.join(lines)}".encode())
-    layout = DynoMapping("map.yaml", {}, blank="missing", delimiter=marks[0], decimal=marks[1], header_lines=1)
+    marked = {"delimiter": marks[0], "decimal": marks[1], "header_lines": 1}
+    layout = DynoMapping(source="map.yaml", signals={}, blank="missing", **marked)
     found = {}
     for sample in (1, 1000):  # rows that are read cell by cell
         monkeypatch.setattr(csv, "SAMPLE", sample)
@@ -174,7 +175,7 @@ def failure(tmp_path, text, map_text=MAPPED, name="log.csv"):
         ("t,x,i,F\n0,1,0,0\n\n1,--,0,0\n", "log.csv:4: column 'x' is '--'; expected a number"),
         ("t,x,i,F\n0,1,0,0\n1,1_000,0,0\n", "log.csv:3: column 'x' is '1_000'; expected a number"),
         ("t,x,i,F\n25:61:61,1,0,0\n", "log.csv:2: column 't' is '25:61:61'; expected a date that exists"),
-        ("t,x,i,F\n0,1,0,0\n1,2,0\n", "log.csv:3: column 'F' is missing; the line has 3 cells"),
+        ("t,x,i,F\n0,1,0,0\n1,2,0\n", "log.csv:3: the line has 3 cells, others have 4; write ',' for each blank cell"),
         ("t,x,i,N\n0,1,0,0\n", "log.csv: no column 'F'; the table has t, x, i, N"),
         ("0,1,0,0\n1,1,0,0\n", "log.csv: no column 'x'; the table has columns 0 to 3 without names"),
         ("", "log.csv: the file is empty; expected a header and rows of numbers"),

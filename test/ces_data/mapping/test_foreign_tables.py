@@ -117,7 +117,7 @@ def test_missing_numbers_in_any_spelling_are_missing_samples_and_counted(tmp_pat
     ("text", "message"),
     [
         (NAMES + TABLE + "9.5,1.0,0.3,oops\n", "force: line 1202: column 'force_N' is 'oops'; expected a number"),
-        (NAMES + TABLE + "END OF DATA\n", "line 1202: column 'position_mm' is missing; the line has 1 cells"),
+        (NAMES + TABLE + "END OF DATA\n", "log.csv:1202: the line has 1 cells, others have 4; write"),
         (with_times(clock("%m/%d/%Y %H:%M:%S.%f")), "month/day or day/month; set date: '%m/%d/%Y %H:%M:%S.%f' or"),
         (with_times(clock("%Y-%m-%d %H:%M:%S")), "different times in 1200 rows, too coarse"),
         (with_times([f"{0.004 * (k // 2):.3f}" for k in range(len(T))]), "only 600 different times in 1200 rows"),

@@ -217,7 +217,8 @@ def test_a_sign_is_turned_only_with_a_reason(tmp_path):
         found[name] = propose_mapping(write(tmp_path / f"{name}.csv", columns))
     assert not found["force"].doubts and found["force"].mapping.signals["force"].scale < 0.0
     assert not found["position"].doubts and found["position"].mapping.signals["position"].scale < 0.0
-    assert "which of the two is positive in rebound cannot be known" in found["unknown"].doubts[0]
+    assert not found["unknown"].doubts
+    assert "force and position have opposite signs; one of them is positive in rebound" in found["unknown"].remarks[0]
 
 
 # ----------------------------------------- Tables of any content: a proposal either reads, or ends in one clear line.

@@ -310,7 +310,7 @@ def test_a_renamed_copy_or_a_part_is_noted_also_inside_an_augmented_simulation()
     whole = ride("learned", 1)
     simulation = identified_on(marks=" ".join(recording_marks(whole)))
     wrapped = AugmentedSimulation("augmented.json", simulation, Composition())
-    for recording in (replace(whole, name="renamed"), replace(whole.part(0.2, 0.8), name="part")):
+    for recording in (replace(whole, name="renamed"), replace(whole.share(0.2, 0.8), name="part")):
         seen = replace(trace(), recording=recording, name=recording.name)
         (note,) = seen_notes([seen], wrapped, "augmented.json")
         assert note.startswith(f"{recording.name}: augmented.json was identified on seconds of this recording")

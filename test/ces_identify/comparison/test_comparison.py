@@ -81,14 +81,14 @@ def test_names_are_short_and_differ(sources, names):
 
 
 def test_part_of_a_recording_after_the_split_is_a_test(sine):
-    facts = {"identification": [{"recording": "sine", "sha256": sine.sha256, "share": [0.0, 0.7]}]}
+    marks = " ".join(recording_marks(sine.share(0.0, 0.7)))
+    facts = {"identification": [{"recording": "sine", "sha256": sine.sha256, "share": [0.0, 0.7], "marks": marks}]}
     model = make_compared_model("m", ModelSimulation(replace(MODEL, provenance=facts)))
-    assert model.use_of(sine, (0.0, 1.0)) == TRAINED
-    assert model.use_of(sine, (0.7, 1.0)) == TEST
+    rest = sine.part(0.75 * sine.duration_s)
+    assert model.use_of(sine) == TRAINED and model.use_of(rest) == TEST
     copy = replace(sine, sha256="hash of a re-encoded bag")  # marks of the force show it
-    facts["identification"][0]["marks"] = " ".join(recording_marks(sine.part(0.0, 0.7)))
-    assert model.use_of(copy, (0.0, 1.0)) == TRAINED and model.use_of(copy, (0.75, 1.0)) == TEST
-    assert make_compared_model("m", ModelSimulation(replace(MODEL, provenance={}))).use_of(sine, (0.7, 1.0)) == UNKNOWN
+    assert model.use_of(copy) == TRAINED
+    assert make_compared_model("m", ModelSimulation(replace(MODEL, provenance={}))).use_of(rest) == UNKNOWN
 
 
 def test_models_of_different_rates_have_forces_at_the_same_stamps(sine):
@@ -98,12 +98,6 @@ def test_models_of_different_rates_have_forces_at_the_same_stamps(sine):
     assert np.isfinite(recording.errors).all()
     assert recording.time_s[recording.scored][0] >= 0.5
     assert found.pairs[0].verdict == BETTER and found.pairs[0].better == 0
-
-
-def test_only_the_part_is_scored(sine):
-    found = compare_models({"a": MODEL, "b": at_rate(700.0)}, sine, part=(0.5, 1.0))
-    (recording,) = found.recordings
-    assert recording.time_s[recording.scored][0] == pytest.approx(0.5 * recording.time_s[-1], rel=1e-3)
 
 
 def test_a_held_force_has_its_cost_and_is_named(sine):
@@ -181,7 +175,7 @@ def test_more_models_and_recordings_than_charts_can_show():
     uses = [[TRAINED, TEST, TEST, TEST]] * 10
     results = score_models(models, made, uses)
     pairs = compare_pairs([m.name for m in models], made, uses)
-    found = Comparison(tuple(results), tuple(made), tuple(pairs), (0.0, 1.0))
+    found = Comparison(tuple(results), tuple(made), tuple(pairs))
     assert found.drawn == tuple(range(8)) and found.drawn_recordings == (1, 2)
     models_left, recordings_left = found.notes_on_charts()
     assert "tables all 10; not in the charts: m8 and m9" in models_left
