@@ -45,7 +45,7 @@ from ces_gap.report.tables import (
 )
 from ces_report.shell import PageHead, page_template, replace_unencodable
 from ces_report.table import Table, summarize_result
-from ces_report.typesetting import format_range, format_within, three_figures
+from ces_report.typesetting import format_within, three_figures
 
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
 STEP_ROOM = 1.04  # of the longest bar or interval
@@ -289,8 +289,9 @@ def _bar(scale: float, css: str, label: str, remark: str, value: float, ci95: In
     def percent_of_scale(value: float) -> float:
         return min(100.0 * value / scale, 100.0) if math.isfinite(value) else 0.0
 
-    css, interval, whisker = f"{css} cut" if value > scale else css, "", None
+    css, shown, interval, whisker = f"{css} cut" if value > scale else css, three_figures(value), "", None
     if ci95 is not None and all(map(math.isfinite, ci95)):
         low, high = map(percent_of_scale, ci95)
-        interval, whisker = format_range(*ci95), (low, high - low)
-    return Bar(css, label, remark, three_figures(value), interval, percent_of_scale(value), whisker)
+        whisker = low, high - low
+        shown, interval = format_within(value, *ci95)
+    return Bar(css, label, remark, shown, interval, percent_of_scale(value), whisker)
