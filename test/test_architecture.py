@@ -69,13 +69,13 @@ ALLOWED = {
 MAX_PACKAGE = {
     "ces_observer": 141.8,
     "ces_data": 102.9,
-    "ces_report": 13.1,
-    "ces_identify": 176,
+    "ces_report": 13.8,
+    "ces_identify": 176.6,
     "ces_rig": 71.9,
-    "ces_gap": 127.8,
-    "ces_cli": 72.8,
+    "ces_gap": 128,
+    "ces_cli": 72.9,
     "bench": 72.3,
-    "test": 465.8,
+    "test": 466.4,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

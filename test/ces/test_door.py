@@ -249,3 +249,10 @@ def test_blas_has_one_thread_while_a_model_is_identified():
     command = [sys.executable, "-c", script]
     ended = subprocess.run(command, check=False, cwd=ROOT, env=unset, text=True, capture_output=True)
     assert (ended.returncode, ended.stdout) == (0, "within {1}\n"), ended.stderr
+
+
+def test_results_print_a_few_lines_and_a_table(road):
+    model, other = ces.Model.load(MODEL), ces.Model.load(MODEL)
+    for result in (ces.compare({"a": model, "b": other}, road), ces.characterise(road), ces.validate(model, road)[0]):
+        assert "array(" not in repr(result) and repr(result).count("\n") < 30
+        assert result._repr_html_().startswith("<p>")
