@@ -70,7 +70,7 @@ MAX_PACKAGE = {
     "ces_observer": 141.8,
     "ces_data": 102.2,
     "ces_report": 13.1,
-    "ces_identify": 175.7,
+    "ces_identify": 175.9,
     "ces_rig": 71.9,
     "ces_gap": 127.8,
     "ces_cli": 72.8,
