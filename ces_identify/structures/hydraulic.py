@@ -39,7 +39,7 @@ from ces_report.typesetting import Chart, ChartCurve, format_number, format_with
 
 METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pull and bypass by the selection data"
 CURVES = 5
-SEARCH_SHARE, REFIT_SHARE = 0.75, 0.06  # of a time limit, for the search, and for each refit of the band
+SEARCH_SHARE, REFIT_SHARE = 0.85, 0.06  # of a time limit, for the search, and for each refit of the band
 ERRORS_TIMES = 8.0  # that finding standard errors takes as long as finding what is undetermined (measured: 6 to 7)
 BLOCK_S = 1.0
 
