@@ -44,6 +44,7 @@ from ces_report.typesetting import (
     ChartCurve,
     Symbols,
     describe_signals,
+    format_number,
     minus,
     signal_symbol,
     three_figures,
@@ -224,7 +225,7 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
         if whole > 0.0:
             part, share = float(parts[t]), 100.0 * float(parts[t]) / whole
             cells = three_figures(part), BAR.format(three_figures(share), min(share, 100.0), "")
-        name, coefficient = format_term(term, model.envelope), minus(f"{term.coefficient:.5g}")
+        name, coefficient = format_term(term, model.envelope), format_number(term.coefficient, 5)
         rows.append((name, coefficient, coefficient_unit(term), *cells))
     equation = Markup("<var>F</var>(<var>k</var>) = Σ coefficient · regressor")
     symbols = describe_symbols(polynomial.terms, model.sampling.rate_Hz)
