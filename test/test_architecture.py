@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 128,
     "ces_cli": 73,
     "bench": 72.3,
-    "test": 467.8,
+    "test": 467.7,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
