@@ -70,7 +70,7 @@ MAX_PACKAGE = {
     "ces_observer": 141.8,
     "ces_data": 104.2,
     "ces_report": 13.8,
-    "ces_identify": 176.8,
+    "ces_identify": 176.9,
     "ces_rig": 71.9,
     "ces_gap": 128,
     "ces_cli": 73,
