@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ces_identify.comparison.comparison import Comparison
     from ces_identify.scripting.damper_model import DamperModel
     from ces_identify.scripting.model import Model
+    from ces_identify.scripting.progress import ProgressInput
     from ces_identify.scripting.recording import Recording
     from ces_identify.simulations.simulation import Simulation
     from ces_identify.validation.evaluate import Evaluation
@@ -69,22 +70,26 @@ def identify(
     structure: str = "polynomial",
     signals: PathInput | None = None,
     ignore_findings: bool = False,
+    progress: ProgressInput = None,
     **options: Any,
 ) -> Model:
     """Identify a model; neither the fit nor the selection sees the `validation` recordings.
 
     `structure` is a name of `ces identify --structure`, or "auto": the best of several, or a mean. `options` are those
-    of the command line (`time`, `terms`, `split`, `delay`, ...). `signals` is the signals file of bags. Warns of what
-    looks wrong. Raises CesError if the recordings hold too little, have seconds in common, or would make a wrong model
+    of the command line (`time`, `terms`, `split`, `delay`, ...). `signals` is the signals file of bags. `progress` is
+    called with a text and a share; by default a notebook or terminal shows one line, False none. Warns of what looks
+    wrong. Raises CesError if the recordings hold too little, have seconds in common, or would make a wrong model
     (sign, units, delays), unless `ignore_findings`.
     """
     from ces_data.reading import as_recordings
     from ces_identify.options import IdentifyRequest
     from ces_identify.scripting.model import Model
+    from ces_identify.scripting.progress import show_progress
 
     request = IdentifyRequest.of({"structure": structure, "ignore_findings": ignore_findings, **options})
     given, held_out = as_recordings(recordings, signals), as_recordings(validation, signals, required=False)
-    return Model.identify(request, given, held_out)
+    with show_progress(progress) as tell:
+        return Model.identify(request, given, held_out, tell)
 
 
 def validate(model: ModelInput, recordings: RecordingInputs) -> Sequence[Evaluation]:
@@ -156,32 +161,32 @@ def diagnose(
     out: PathInput | None = None,
     title: str = "",
     note: str = "",
-    progress: Callable[[str, float], None] | None = None,
+    progress: ProgressInput = None,
     **options: Any,
 ) -> Diagnosis:
     """Return where the gap of a simulation to `real` recordings lies and which effects cause it.
 
     `simulation` is a model, a function of (time_s, position_m, current_A) that returns force_N, what `--sim` takes, or
     any `Simulation`. `reference` recordings are free of the effect; `held_out` ones only judge (default: a part of
-    `real`). `progress` is called with a text and a share. `options` are `effects`, `threads`, `seed`, `tolerance`,
-    `experiment`, `fit`. `out` is a folder for gap.json, augmented.json, report.html (`title`, `note`) and the next
-    experiment. Raises CesError for what cannot be diagnosed.
+    `real`). `progress` is that of `identify`. `options` are `effects`, `threads`, `seed`, `tolerance`, `experiment`,
+    `fit`. `out` is a folder for gap.json, augmented.json, report.html (`title`, `note`) and the next experiment. Raises
+    CesError for what cannot be diagnosed.
     """
     from ces_data.reading import as_recordings
     from ces_gap import pipeline
     from ces_gap.augmented import name_simulation
     from ces_gap.inputs.checks import check_recordings
-    from ces_gap.progress import ignore_progress
     from ces_gap.result_files import result_files
     from ces_identify.numerics.least_squares import one_blas_thread
+    from ces_identify.scripting.progress import show_progress
 
     how = _diagnose_options(options)
     subject, name = _open(simulation)
     recordings = as_recordings(real)
     kept, references = (as_recordings(some, required=False) for some in (held_out, reference))
     notes = check_recordings(recordings, kept, references)
-    with one_blas_thread():
-        result = pipeline.diagnose(subject, name, recordings, kept, references, how, progress or ignore_progress)
+    with one_blas_thread(), show_progress(progress) as tell:
+        result = pipeline.diagnose(subject, name, recordings, kept, references, how, tell)
     result = replace(result, notes=(*notes, *result.notes))
     if out is not None:
         head = _head(title, note, [*recordings, *kept, *references])
@@ -199,7 +204,7 @@ def calibrate(
     out: PathInput | None = None,
     title: str = "",
     note: str = "",
-    progress: Callable[[str, float], None] | None = None,
+    progress: ProgressInput = None,
 ) -> Calibration:
     """Return the named parameters of a simulation fitted to `real` recordings, with intervals.
 
@@ -210,17 +215,17 @@ def calibrate(
     from ces_gap.augmented import name_simulation
     from ces_gap.calibrate.calibration import calibrate as calibrate_simulation
     from ces_gap.inputs.checks import check_recordings
-    from ces_gap.progress import ignore_progress
     from ces_gap.report.calibration import calibration_files
     from ces_identify.numerics.least_squares import one_blas_thread
+    from ces_identify.scripting.progress import show_progress
 
     subject, name = _open(simulation)
     recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
     for text in check_recordings(recordings, kept, []):
         warnings.warn(text, stacklevel=2)
     names = [fit] if isinstance(fit, str) else fit
-    with one_blas_thread():
-        result = calibrate_simulation(subject, name, recordings, kept, names, progress or ignore_progress)
+    with one_blas_thread(), show_progress(progress) as tell:
+        result = calibrate_simulation(subject, name, recordings, kept, names, tell)
     if out is not None:
         head = _head(title, note, [*recordings, *kept])
         used = {"real": recordings, "held_out": kept}

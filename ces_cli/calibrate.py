@@ -70,7 +70,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     command, recorded = terminal.command_line("calibrate", argv), describe_days([*real, *held_out])
     head = PageHead(request.title, request.note, command, recorded)
     sources = {"real": real, "held_out": held_out}
-    files = calibration_files(result, name_simulation(request.sim, request.out), sources, head)
+    with terminal.step("writing the report"):
+        files = calibration_files(result, name_simulation(request.sim, request.out), sources, head)
     request.out.mkdir(parents=True, exist_ok=True)
     write_all_atomically({request.out / name: text for name, text in files.items()})
     if request.json:

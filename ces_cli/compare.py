@@ -82,7 +82,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         comparison = compare(models, list(recordings.values()), announce=say)
     if report is not None:
         command, recorded = terminal.command_line("compare", argv), describe_days(recordings.values())
-        comparison_report.write_comparison(report, comparison, PageHead(request.title, request.note, command, recorded))
+        head = PageHead(request.title, request.note, command, recorded)
+        with terminal.step("writing the report"):
+            comparison_report.write_comparison(report, comparison, head)
         for note in comparison.notes_on_charts():
             terminal.print_warning(note)
     if request.json:

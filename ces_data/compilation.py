@@ -22,5 +22,9 @@ class CompilationNotice(event.Listener):  # type: ignore[misc]  # numba has no t
         if tell is not None:
             tell(NOTICE)
 
+    def close(self) -> None:
+        """Listen no more."""
+        event.unregister("numba:compile", self)
+
     def on_end(self, _: event.Event) -> None:
         """Do nothing."""

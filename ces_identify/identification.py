@@ -29,7 +29,7 @@ from ces_data.recording import Recording
 from ces_data.samples import without_spikes
 from ces_identify.limits import FoldLimits, ResultLimits, TickLimits
 from ces_identify.numerics.correlation import noise_rms
-from ces_identify.numerics.search import INTERRUPTED, Listener, SearchResult
+from ces_identify.numerics.search import INTERRUPTED, Listener, SearchResult, clock_s
 from ces_identify.prepare.sampling import choose_motion, choose_sampling
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import run_batch
@@ -54,6 +54,7 @@ from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 
 UNLIKE_FORCE = "the force does not follow these signals: check that topics, signs and damper are the right ones"
+FIT_SHARE = 0.9  # of a time limit, until there is a model; band, proofs and evaluation have the rest
 THINNED = "identified_on"  # key of the provenance
 COSTS = "cost_J_percent"  # key of the provenance
 
@@ -126,13 +127,14 @@ def identify(
     Validation data are the rest of the recordings and all of the `validation` recordings; neither fit nor selection
     uses them. Raises CesError if the data hold too little, or if recordings have seconds in common.
     """
-    require_distinct(recordings, validation)
     options = options or IdentifyOptions()
+    end_s = clock_s() + options.limits.time
+    require_distinct(recordings, validation)
     listener("preparing the recordings")
     identified = [without_spikes(recording.share(0.0, options.share(validation))) for recording in recordings]
     motion = choose_motion(recordings, options.speed)
     sampling = choose_sampling(identified, options.rate, options.delay, motion)
-    return _identify_at(sampling, recordings, validation, options, listener, fitter)
+    return _identify_at(sampling, recordings, validation, options, listener, fitter, end_s)
 
 
 def _cost_row(e: Evaluation) -> dict[str, Any]:
@@ -146,8 +148,9 @@ def _identify_at(
     options: IdentifyOptions,
     listener: Listener,
     fitter: Fitter,
+    end_s: float,
 ) -> IdentificationResult:
-    """Identify a model on the samples as `sampling` has them, with its delay."""
+    """Identify a model on the samples as `sampling` has them, with its delay, until `end_s` of `clock_s`."""
     split = options.share(validation)
     whole = [prepare(without_spikes(r, split), sampling, has_spikes=False) for r in recordings]
     identified = [series.part(0.0, split) for series in whole]
@@ -158,7 +161,8 @@ def _identify_at(
     if (scored := sum(int(series.scored.sum()) for series in identified)) < TickLimits.MIN_SCORED:
         text = f"{scored} ticks with a measured force past warm-up; expected at least {TickLimits.MIN_SCORED}"
         raise RecordingError(f"{', '.join(s.name for s in whole)}: {text}: record longer (are the times in s?)")
-    fitted = fitter(identified, sampling, options, listener)
+    limited = replace(options, limits=options.limits.within(end_s, FIT_SHARE))
+    fitted = fitter(identified, sampling, limited, listener)
     require_shown_cost(fitted, identified, options)
     listener("fitting the band")
     how = fitted.refit, fitted.leave_out_recordings, options.limits.threads

@@ -37,7 +37,7 @@ POLYNOMIALS = f"polynomials (--structure polynomial or {AUTO})"
 TIME = Option(
     "time",
     None,
-    "hard end in time, from reading to report, without the compilation in the first run; a search that it ends may "
+    "hard end in time, from start to report, without the compilation in the first run; a search that it ends may "
     "answer differently on another machine",
     0.1,
     1e6,

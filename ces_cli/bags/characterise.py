@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     findings = print_findings(list(recordings.values()))
     forces: dict[str, list[F]] = {}
     for name, simulation in simulations.items():
-        with terminal.step(f"simulating {name}"):
+        with terminal.step(f"simulating {name} ({len(forces) + 1} of {len(simulations)})"):
             forces[name] = [
                 simulation.force(with_predictions(simulation, p, r, signals)) for p, r in recordings.items()
             ]
@@ -74,7 +74,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if request.out is not None:
         command, recorded = terminal.command_line("characterise", argv), describe_days(recordings.values())
         head = PageHead(request.title, request.note, command, recorded)
-        page, *tables = write_characteristics(request.out, results, head)
+        with terminal.step(f"writing {request.out}"):
+            page, *tables = write_characteristics(request.out, results, head)
         terminal.err.print(f"{page} and {len(tables)} CSV files", highlight=False, soft_wrap=True)
     if request.json:
         print_document("characterise", {**asdict(results), "findings": findings})

@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
 from ces_cli.identify.request import IdentifyProgramRequest
 from ces_cli.terminal import terminal
+from ces_cli.terminal.heartbeat import heartbeat
 from ces_cli.terminal.inputs import (
     find_bags,
     find_file,
@@ -45,7 +45,6 @@ from ces_cli.terminal.results import (
 )
 from ces_data.checks.check import check_together, require_sound
 from ces_data.checks.content import require_distinct
-from ces_data.compilation import CompilationNotice
 from ces_data.findings import Finding
 from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
@@ -80,7 +79,8 @@ RULES = (
     NEED_REPORT,
     never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
 )
-SEARCH_SHARE, MIN_LEFT_SHARE = 0.8, 0.5  # of a time limit's rest after reading; of the limit, that counts as left
+MIN_MODEL_SHARE, TOLERANCE = 0.7, 1.2  # of a time limit: for the model at least, and that counts as met
+TAIL_TIMES = 1.0  # that tables and report take as long as start and reading did on this machine (measured: 0.8 to 1.1)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -126,7 +126,6 @@ class Identification:
 
     def run(self, show_progress: Callable[[Limits], Any] = SearchProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
-        CompilationNotice(terminal.print_warning)
         with show_progress(self.how.limits) as progress:
             run = select_identify_function(self.request.model)
             result = run(self.bags, self.validation, self.how, progress.listen)
@@ -139,7 +138,6 @@ class Identification:
 
 def prepare_identification(request: IdentifyProgramRequest) -> Identification:
     """Read and check all files that a request names, before the long search; raises CesError."""
-    began_s = monotonic()
     if not request.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
     paths = [find_bags(words, repeated=True) for words in (request.bags, request.validate)]
@@ -151,14 +149,24 @@ def prepare_identification(request: IdentifyProgramRequest) -> Identification:
     how = request.model.options()
     measured, (bags, validation) = _read_recordings(paths, request)
     require_distinct(bags, validation)
-    findings = check_together([*bags, *validation])
+    with terminal.step("checking the recordings"):
+        findings = check_together([*bags, *validation])
     require_sound(findings, request.model.ignore_findings)
     print_warnings(findings)
     if motion := describe_motion([*bags, *validation], choose_motion(bags, how.speed)):
         terminal.print_line(motion, console=terminal.err)
-    left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
-    how = replace(how, limits=replace(how.limits, time=SEARCH_SHARE * left_s))
+    how = replace(how, limits=replace(how.limits, time=share_time(how.limits.time)))
     return Identification(request, report, bags, validation, measured, how, findings)
+
+
+def share_time(limit_s: float) -> float:
+    """Return how much of a time limit is for the model, and say so if the limit cannot be met."""
+    both_s = (1.0 + TAIL_TIMES) * heartbeat.elapsed_s
+    model_s = max(limit_s - both_s, MIN_MODEL_SHARE * limit_s)
+    if model_s + both_s > TOLERANCE * limit_s:
+        took = f"start and reading took {heartbeat.elapsed_s:.1f} s, as will the report"
+        terminal.print_warning(f"--time {limit_s:g} cannot be met: {took}; it will be about {model_s + both_s:.0f} s")
+    return model_s
 
 
 def _read_recordings(
@@ -243,7 +251,8 @@ def write_report_page(result: IdentificationResult, work: Identification, comman
         "end of search": result.search_results[0].ended,
     }
     try:
-        write_report(work.report, head, result.model, result.evaluations, facts)
+        with terminal.step("writing the report"):
+            write_report(work.report, head, result.model, result.evaluations, facts)
     except CesError as error:
         raise CesError(*error.args, " with ", OVERWRITE, f"; {out} is complete") from None
 
@@ -261,7 +270,9 @@ def describe_starts(result: IdentificationResult, request: IdentifyRequest) -> s
 def _print_result(result: IdentificationResult, request: IdentifyProgramRequest, weight: Weighting) -> None:
     evaluations, model = result.evaluations, result.model
     print_costs(evaluations, describe_size(model), _weighting(result, weight))
-    for line in head_lines(model, evaluations):
+    with terminal.step("finding what the error depends on"):
+        lines = head_lines(model, evaluations)
+    for line in lines:
         terminal.print_warning(line)
     _print_teacher(result)
     print(RULE)

@@ -91,7 +91,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
             title = f"{request.model}: {describe_size(model)}"
             print_costs(evaluations, title, weighting, exact=False)
-            for line in head_lines(model, evaluations):
+            with terminal.step("finding what the error depends on"):
+                lines = head_lines(model, evaluations)
+            for line in lines:
                 terminal.print_warning(line)
             print_band(model, evaluations)
             _print_details(evaluations, weighting)
@@ -101,7 +103,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             command, recorded = terminal.command_line("validate", argv), describe_days(recordings)
             head = PageHead(request.title, request.note, command, recorded)
             head = head.titled(f"Validation of {request.model.name}")
-            write_report(report, head, model, evaluations, weighting=weighting)
+            with terminal.step("writing the report"):
+                write_report(report, head, model, evaluations, weighting=weighting)
             print(f"report: {report}")
     if request.json:
         print_document(
@@ -131,8 +134,9 @@ def _evaluate_recordings(
                 f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
                 "here is lower than on new data"
             )
-        series = prepare(recording, model.sampling)
-        evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
+        with terminal.step(f"evaluating {recording.name} ({len(evaluations) + 1} of {len(recordings)})"):
+            series = prepare(recording, model.sampling)
+            evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
         if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in findings)):
             findings += print_against_model(model, recording, evaluations[-1])
     return evaluations, findings

@@ -23,6 +23,7 @@ from ces_cli.identify.program import prepare_identification, write_report_page
 from ces_cli.identify.request import BAGS, IdentifyProgramRequest, list_shared
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import BestResults
+from ces_data.compilation import CompilationNotice
 from ces_identify.numerics.search import Limits, SearchResult
 from ces_identify.validation.evaluate import describe_size
 from ces_observer.errors import CesError, OptionName
@@ -37,6 +38,7 @@ def main() -> int:
     send = _redirect_stdout()
     given = json.loads(_read_line())
     threading.Thread(target=_exit_with_node, daemon=True).start()
+    CompilationNotice(terminal.print_warning)
     try:
         terminal.interrupt_as_exception()
         send({"result": _identify(given, send)})

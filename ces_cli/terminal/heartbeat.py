@@ -20,6 +20,11 @@ class Heartbeat:
         self._ended = threading.Event()
         self._began = self._printed = time.monotonic()
 
+    @property
+    def elapsed_s(self) -> float:
+        """Seconds since the program began."""
+        return time.monotonic() - self._began
+
     @contextmanager
     def beat(self, step: str) -> Iterator[None]:
         """Print the innermost step whenever nothing was printed for a while, until the context closes."""
@@ -64,7 +69,7 @@ class Heartbeat:
                 continue
             self.touch()
             with suppress(OSError, ValueError, IndexError):  # the stream may be closed, and a step just ended
-                print(f"{time.monotonic() - self._began:5.0f} s  {self._steps[-1]}", file=sys.stderr, flush=True)
+                print(f"{self.elapsed_s:5.0f} s  {self._steps[-1]}", file=sys.stderr, flush=True)
 
 
 heartbeat = Heartbeat()

@@ -159,7 +159,8 @@ def make_distinct_names(paths: Sequence[Path]) -> list[str]:
 
 def print_findings(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
     """Print what is wrong with recordings, each and together, one warning line each; return it for --json."""
-    findings = check_each(recordings)
+    with terminal.step("checking the recordings"):
+        findings = check_each(recordings)
     print_warnings(findings)
     return findings
 

@@ -28,6 +28,7 @@ from rich.table import Column, Table
 from ces_cli.terminal.heartbeat import heartbeat
 from ces_cli.terminal.options import Argument, OptionRule, ProgramRequest, find_given, require_applicable
 from ces_data.bags.reader import LogTimeWarning, read_recording
+from ces_data.compilation import CompilationNotice
 from ces_data.findings import require_usable
 from ces_data.log_formats import is_log
 from ces_data.reading import read_log
@@ -197,8 +198,9 @@ def _take_part(recording: Recording, part: Sequence[float]) -> Recording:
     """Return the part of a recording, and say what is left out."""
     taken = recording.part(*part)
     if part:
-        left_s = recording.duration_s - taken.duration_s
-        print_line(f"{taken.name}: the part of {recording.duration_s:.3f} s; {left_s:.3f} s left out", console=err)
+        whole_s, span = recording.duration_s, f"from {part[0]:g} s to {min(part[1], recording.duration_s):.4g} s"
+        left = f"{whole_s - taken.duration_s:.1f} of {whole_s:.1f} s left out"
+        print_line(f"{recording.name}: used {span}; {left}", console=err)
     return taken
 
 
@@ -288,6 +290,7 @@ def _measure_width(columns: Sequence[Column], table: Table) -> int:
 def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None = None) -> int:
     """Run `program`; a user's mistake gives one line on stderr and exit status 2, Ctrl-C gives status 130."""
     _said.clear()
+    notice = CompilationNotice(print_warning)
     try:
         accept_all_characters()
         interrupt_as_exception()
@@ -307,6 +310,8 @@ def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequenc
             raise
         _print_error(name, "interrupted")
         return INTERRUPTED
+    finally:
+        notice.close()
     return USER_ERROR
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,12 +11,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from ces_data.bags.reader import sort_late_samples
+from ces_data.bags.reader import RecordingWarning, sort_late_samples
 from ces_data.limits import TableLimits
 from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog, open_log
 from ces_data.logs.log_mapping import ONE_TIME, DynoMapping, FileNameValue, FixedValue, LogColumn, MappingError
 from ces_data.recording import Channel, Recording, Stamps, Values
-from ces_data.samples import with_stroke
+from ces_data.samples import INTEGRATED, with_stroke
 from ces_data.units import QUANTITIES, find_unit, split_unit
 from ces_observer.errors import RecordingError
 from ces_observer.signals import MOTIONS, UNITS
@@ -36,7 +37,15 @@ def import_log(path: Path, mapping: DynoMapping) -> Recording:
 
 def to_recording(log: LogTable | TimedLog, mapping: DynoMapping) -> Recording:
     """Return the signals that the mapping finds in an open log, as `import_log` does."""
-    return Recording.join(list(read_blocks(log, mapping)))
+    return join_blocks(list(read_blocks(log, mapping)))
+
+
+def join_blocks(blocks: Sequence[Recording]) -> Recording:
+    """Return the recording of a log's blocks; warns if its stroke is an integral."""
+    recording = Recording.join(blocks)
+    if "speed" in recording.channels.keys() - recording.optional:
+        warnings.warn(f"{recording.name}: {INTEGRATED}", RecordingWarning, stacklevel=2)
+    return recording
 
 
 def read_blocks(log: LogTable | TimedLog, mapping: DynoMapping) -> Iterator[Recording]:
@@ -88,6 +97,7 @@ class TableClock:
     last_ns: int = 0
     shift_ns: int = 0
     gap_ns: int = 0  # that is put between blocks
+    digits: bool = False  # whether its numbers are hours, minutes and seconds, one after the other
 
 
 def _of_table(table: LogTable, mapping: DynoMapping, rate: float, clock: TableClock) -> Recording:
@@ -176,7 +186,9 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
     if stamps is None:
         stated = None if column.scaled else find_unit(table.unit(column.key))  # the unit that the file states
         scale = stated.scale if stated is not None and stated.quantity == "time" else column.scale
-        seconds = scale * table.column(column.key) + column.offset
+        numbers = table.column(column.key)
+        clock.digits = clock.digits or (not column.scaled and is_digital_clock(numbers))
+        seconds = read_digits(numbers) if clock.digits else scale * numbers + column.offset
         _require_finite(seconds, table)
         stamps = np.rint(seconds / scale if scale == 1e-9 else seconds * 1e9).astype(np.int64)
         if not clock.rows and len(stamps):
@@ -204,6 +216,24 @@ def part_blocks(stamps: Stamps, breaks: Sequence[int], clock: TableClock) -> Sta
         moved[row:] += gap_ns
         clock.gap_ns += gap_ns
     return np.asarray(moved)
+
+
+def is_digital_clock(numbers: Values) -> bool:
+    """Return whether numbers are times of day as HHMMSS.sss, which jump by 40 at each full minute.
+
+    Within a minute they count seconds, whatever they are.
+    """
+    if len(numbers) < TableLimits.MIN_SAMPLES or not np.isfinite(numbers).all() or numbers.min() < 0.0:
+        return False
+    steps, minutes = np.diff(numbers), np.diff(np.floor(numbers / 100.0))
+    valid = (numbers < 240_000.0) & (numbers % 100.0 < 60.0) & (numbers // 100.0 % 100.0 < 60.0)
+    jumps = steps[minutes > 0.0]
+    return bool(valid.all() and len(jumps) and (jumps > 40.0).all() and np.median(steps) < TableLimits.MAX_STEP_S)
+
+
+def read_digits(numbers: Values) -> Values:
+    """Return the seconds since midnight of times as HHMMSS.sss."""
+    return np.asarray(numbers // 10_000 * 3600.0 + numbers // 100 % 100 * 60.0 + numbers % 100.0)
 
 
 def _rate(table: LogTable, source: float | LogColumn | None) -> float:

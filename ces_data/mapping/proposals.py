@@ -16,13 +16,14 @@ import yaml
 from ces_data.logs.can import CanLog
 from ces_data.logs.csv import CsvTable
 from ces_data.logs.log_file import LogTable, Progress, TimedLog, open_log
-from ces_data.logs.log_import import read_blocks
+from ces_data.logs.log_import import join_blocks, read_blocks
 from ces_data.logs.log_mapping import DynoMapping, LogColumn, parse_dyno_mapping
 from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates, find_log_candidates
 from ces_data.mapping.choice import Choice, NotFound, Selection, choose
-from ces_data.mapping.rating import Candidate, Rating
+from ces_data.mapping.rating import Candidate, Rating, read_meaning
 from ces_data.recording import Recording
 from ces_observer.errors import OptionName, RecordingError
+from ces_observer.signals import MOTIONS
 
 WIDTH = 110
 MAX_OTHERS = 4
@@ -38,7 +39,8 @@ MAPPING_HEAD = """\
 """
 AMPERES = re.compile(r"(?<![0-9.])([0-9]+(?:\.[0-9]+)?) ?A(?![A-Za-z0-9])")
 NAME_PATTERN = '"([0-9]+(?:[.][0-9]+)?) ?A(?![A-Za-z0-9])"'
-NO_TIME = "no column is named like a time and goes forward; give --rate HZ"
+GIVE_RATE = "; give --rate HZ"
+NO_TIME = f"no column is named like a time and goes forward{GIVE_RATE}"
 REQUIRED = ("position", "current", "force")
 TAKEN = (*REQUIRED, "speed")
 
@@ -114,7 +116,7 @@ class MappingProposal:
 
     def read(self) -> Recording:
         """Return the log as a recording; raises RecordingError if the mapping is not complete and certain."""
-        return Recording.join(list(self.blocks()))
+        return join_blocks(list(self.blocks()))
 
     def blocks(self) -> Iterator[Recording]:
         """Yield the same in blocks, as `read_blocks` does."""
@@ -159,7 +161,10 @@ def propose_for(
 ) -> MappingProposal:
     """Return the same for an open log."""
     candidates = find_log_candidates(log, rate)
-    selection = choose(candidates.candidates, integrates=True)
+    unread, selection = candidates.unread, choose(candidates.candidates, integrates=True)
+    selection = selection.with_reasons(
+        {signal: unread[key] for signal in REQUIRED for key in (ANY, signal) if key in unread}
+    )
     if damper and damper not in selection.names:
         names = ", ".join(selection.names) or "one damper only"
         raise RecordingError(f"{log.path}: no damper '{damper}'; found: {names}")
@@ -168,8 +173,8 @@ def propose_for(
     source = f"the mapping proposed for {log.path}"
     mapping = None if writer.missing else parse_mapping_without_force(yaml.safe_load(text), source)
     # a mapping may resolve the form of a time; what may be any signal is the fault of each
-    unread = [(s, why) for key, why in candidates.unread.items() for s in (REQUIRED if key == ANY else (key,))]
-    faults = frozenset(f"{signal}: {why}" for signal, why in unread if signal != "time")
+    causes = [(s, why) for key, why in unread.items() for s in (REQUIRED if key == ANY else (key,))]
+    faults = frozenset(f"{s}: {why}" for s, why in causes if s != "time" or why.endswith("expected a number"))
     doubts = (*writer.missing, *writer.doubts)
     return MappingProposal(selection, text, mapping, log, doubts, writer.remarks, tuple(writer.summary()), faults)
 
@@ -205,18 +210,16 @@ class _MappingWriter:
         damper_choice = selection.dampers[damper or (names[0] if names else "")]
         self.choices = {**selection.dampers[""].choices, **damper_choice.choices}
         self.amperes = AMPERES.search(log.path.name) if "current" not in self.choices else None
-        any_fault = candidates.unread.get(ANY)  # of a column that is named like the signal, or that may be any
-        self.absent = [
-            replace(missing, reason=candidates.unread.get(signal, any_fault or missing.reason))
-            for signal, missing in damper_choice.missing.items()
-        ]
+        self.absent = list(damper_choice.missing.values())
         optional = {*({"current"} if self.amperes else ()), *({"force"} - set(need))}
         unknown = [missing for missing in self.absent if missing.signal not in optional]
         self.missing = [f"{missing.signal}: {missing.reason}" for missing in unknown]
         if not candidates.time_text:
             self.missing.append(f"time: {candidates.unread.get('time', NO_TIME)}")
         self.doubts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
-        self.remarks = tuple(f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses)
+        guesses = [f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses]
+        unread = [m for m in self.absent if m.signal in optional and m.signal in candidates.unread]
+        self.remarks = (*guesses, *(f"{m.signal}: {m.reason}; it is not read" for m in unread))
         if candidates.time_doubt:
             self.doubts.append(candidates.time_doubt)
         if names and not damper:
@@ -233,11 +236,23 @@ class _MappingWriter:
             yield self.found.time_text
         for choice in (self.choices[signal] for signal in self.choices if signal in TAKEN):
             remark = describe_scale(choice) or (choice.unit.text if choice.unit else "")
-            yield f"{choice.signal} from '{choice.candidate.label}'" + (f" [{remark}]" if remark else "")
+            beside = " to check the position with" if choice.signal == "speed" and "position" in self.choices else ""
+            yield f"{choice.signal} from '{choice.candidate.label}'" + (f" [{remark}]" if remark else "") + beside
+        yield from self._unused_motions()
         if self.amperes:
             yield f"current {self.amperes.group(1)} A from the file's name"
         if self.blanks:
             yield f"blank cells are missing samples ({self.blanks})"
+
+    def _unused_motions(self) -> Iterator[str]:
+        """Yield which speeds and accelerations were not taken."""
+        taken = {choice.candidate.label for choice in self.choices.values()}
+        for candidate in self.found.candidates:
+            quantity = candidate.unit.quantity if candidate.unit else read_meaning(candidate.names).quantity
+            if quantity in MOTIONS and candidate.label not in taken:
+                contrary = quantity == "speed" and "position" in self.choices and "speed" not in self.choices
+                why = ", it does not go as the position does" if contrary else ""
+                yield f"'{candidate.label}' ({quantity}) not used{why}"
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file."""
@@ -322,7 +337,7 @@ def _explain(choice: Choice, indent: str = "") -> Iterator[str]:
     """Yield the comment lines above a choice: reasons, range, checks, and what was not chosen."""
     c = choice.candidate
     yield from _comment(f"{choice.signal}: {'; '.join(choice.reasons)}.", indent)
-    yield from _comment(f"range {c.low:.4g} to {c.high:.4g} as logged, {c.rate_Hz:.4g} Hz", indent)
+    yield from _comment(f"range {c.range_text}, as logged", indent)
     for check in choice.to_check:
         yield from _comment(f"{CHECK}: {check}", indent)
     yield from _list_others("not chosen", choice.others, indent)

@@ -26,6 +26,7 @@ from ces_identify.options import IdentifyRequest
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.report.page import write_report
 from ces_identify.report.steady import steady_forces
+from ces_identify.scripting.progress import Progress
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.prediction import predict_series
 from ces_identify.simulations.simulate import sample_run, simulate_series
@@ -73,7 +74,11 @@ class Model(model.Model):
 
     @classmethod
     def identify(
-        cls, request: IdentifyRequest, given: Sequence[recording.Recording], held_out: Sequence[recording.Recording]
+        cls,
+        request: IdentifyRequest,
+        given: Sequence[recording.Recording],
+        held_out: Sequence[recording.Recording],
+        progress: Progress = lambda step, share: None,
     ) -> Self:
         """Return the model that is asked for, identified on recordings that would make no wrong one.
 
@@ -85,8 +90,13 @@ class Model(model.Model):
         require_sound(findings, ignored)
         for finding in findings:
             warnings.warn(finding.text, stacklevel=3)
+
+        def listen(news: SearchResult | str) -> None:
+            text = news if isinstance(news, str) else f"selection cost J = {news.cost:.2f} %, size {len(news.chosen)}"
+            progress(f"identifying: {text}", 0.0)
+
         with one_blas_thread():
-            result = identify(given, held_out, how, fitter=fitter).require_explained(findings, ignored)
+            result = identify(given, held_out, how, listen, fitter).require_explained(findings, ignored)
         return replace(cls.of(result.model), evaluations=result.evaluations, search_results=result.search_results)
 
     def simulate(

@@ -27,6 +27,7 @@ from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 
 AUTO = kit.AUTO
+MIN_LEFT_SHARE = 0.15  # of a time limit, below which no further structure is tried
 REASON = "structures_reason"  # key of the provenance
 
 
@@ -91,6 +92,8 @@ class _Fits:
         if self._stop.is_set():
             return
         limits = self.options.limits
+        if self.fits and self.end_s - clock_s() < MIN_LEFT_SHARE * limits.time:
+            return
         best = min((fitted.cost for fitted in self.fits.values()), default=inf)
         mine = limits.within(self.end_s, share)
         hopeless = ChoiceLimits.HOPELESS * best if work < 1.0 else inf

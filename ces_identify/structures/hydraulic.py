@@ -12,7 +12,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_identify.limits import EnvelopeLimits, HeldCurrentLimits
-from ces_identify.numerics.search import Listener
+from ces_identify.numerics.search import Listener, clock_s
 from ces_identify.physical import quantities
 from ces_identify.physical.laws import STARTS
 from ces_identify.physical.layout import read_scales
@@ -39,6 +39,8 @@ from ces_report.typesetting import Chart, ChartCurve, format_number, format_with
 
 METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pull and bypass by the selection data"
 CURVES = 5
+SEARCH_SHARE, REFIT_SHARE = 0.85, 0.06  # of a time limit, for the search, and for each refit of the band
+ERRORS_TIMES = 8.0  # that finding standard errors takes as long as finding what is undetermined (measured: 6 to 7)
 BLOCK_S = 1.0
 
 
@@ -54,7 +56,8 @@ def _fit(
     training = build_training(series, how.weight)
     scales = read_scales(training, sampling.rate_Hz, how.forget)
     held = is_held(training, sampling.rate_Hz)
-    search = PhysicalSearch(how.limits, tell)
+    end_s = clock_s() + how.limits.time
+    search = PhysicalSearch(how.limits.within(end_s, SEARCH_SHARE), tell)
     tell("fitting hydraulic networks")
     fits = search.run(training, scales, kinds, rows, held)
     require_models([fit.result for fit in fits], Hydraulic.option)
@@ -63,6 +66,7 @@ def _fit(
     if not measure_forgetting(_build_model(best, sampling), series, how.forget).suffices:
         best = replace(best, models=replace(best.models, leaks=True))
         best = replace(best, theta=search.refit(best))
+    began_s = clock_s()
     facts: dict[str, Any] = {
         "method": METHOD,
         "parameters": len(best.theta),
@@ -71,7 +75,7 @@ def _fit(
         "kind_reason": explain_kind(fits, sampling.rate_Hz),
         "undetermined": quantities.find_undetermined(best.models, best.theta, best.strength),
     }
-    if how.limits.work >= SHORT_WORK:
+    if how.limits.work >= SHORT_WORK and clock_s() + ERRORS_TIMES * (clock_s() - began_s) < end_s:
         tell("finding standard errors of the hydraulic network")
         facts[quantities.ERRORS] = quantities.describe_errors(best.models, best.theta, best.strength)
     refit = partial(_refit, search, best, sampling)
@@ -114,8 +118,9 @@ def _block_errors(fit: PhysicalFit, rate_Hz: float) -> F:
 
 
 def _refit(search: PhysicalSearch, best: PhysicalFit, sampling: Sampling, weights: F) -> Model:
-    """Return the model after a few more steps on the ticks with a weight; the time limit applies to each refit anew."""
-    theta = PhysicalSearch(search.limits, lambda result: None).refit(best, weights)
+    """Return the model after a few more steps on the ticks with a weight; each refit has a share of the time limit."""
+    limits = replace(search.limits, time=REFIT_SHARE * search.limits.time)
+    theta = PhysicalSearch(limits, lambda result: None).refit(best, weights)
     return _build_model(replace(best, theta=theta), sampling)
 
 

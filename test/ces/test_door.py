@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 import ces
 from ces_data.samples import without_spikes
+from ces_identify.scripting import progress
 from ces_observer.estimator import Estimator
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -172,7 +174,10 @@ MISTAKES = {
     "no force": (lambda m, r: ces.identify(without_force()), "arrays: force: nothing is named like it"),
     "mm as m": (lambda m, r: ces.identify(columns(position_m=1e3 * X)), "more than any damper"),
     "backward times": (lambda m, r: ces.identify(columns(time_s=T[::-1])), "newest row is first; reverse the rows"),
-    "text as force": (lambda m, r: ces.identify(columns(force_N=["a"] * len(T))), "force: column 'force_N' is"),
+    "text as force": (
+        lambda m, r: ces.identify(columns(force_N=["a"] * len(T))),
+        "force: row 0 of column 'force_N' is 'a'; expected a number",
+    ),
     "lengths": (lambda m, r: ces.identify(columns(force_N=FORCE[1:])), "has 2999 values for 3000 rows"),
     "nothing to simulate": (lambda m, r: m.simulate(T), "expected a recording, a path"),
     "two recordings": (lambda m, r: m.simulate([r, r]), "2 recordings given; expected one"),
@@ -211,6 +216,23 @@ def test_a_mistake_is_one_line(call, text, model, road, tmp_path, monkeypatch):
     with pytest.raises(ces.CesError, match=text) as error:
         call(model, road)
     assert "\n" not in str(error.value)
+
+
+def test_a_script_hears_of_each_step_and_a_terminal_shows_one_line(capsys, monkeypatch):
+    heard = []
+    ces.identify(columns(), progress=lambda step, share: heard.append(step), **QUICK)
+    assert heard[0] == "identifying: preparing the recordings" and any("cost J" in step for step in heard)
+    assert not capsys.readouterr().err
+    monkeypatch.setattr(progress, "EVERY_S", 0.01)
+    with progress.show_progress(True) as tell:
+        tell("fitting", 0.25)
+        time.sleep(0.2)
+    text = capsys.readouterr().err
+    assert "\r   0 s  fitting, 25%" in text and "\n" not in text and text.endswith(f"{'':{progress.WIDTH}}\r")
+    with progress.show_progress(None) as tell:
+        tell("unseen", 0.0)
+        time.sleep(0.05)
+    assert not capsys.readouterr().err
 
 
 def test_blas_has_one_thread_while_a_model_is_identified():

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import shlex
+from math import inf
 from pathlib import Path
 
 import pytest
 import yaml
 
-from ces_cli.identify.program import make_parser
+from ces_cli.identify.program import make_parser, share_time
 from ces_cli.identify.request import EXIT_WHEN_DONE, PARAMETERS, IdentifyProgramRequest, find_given_parameters
 from ces_cli.identify.worker import as_command
+from ces_cli.terminal.heartbeat import Heartbeat
 from ces_observer.errors import CesError, OptionName
 from ces_observer.options import NO_WORDS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
-# A node does not need campaigns, clusters, cross-validation or text on standard output.
-LEFT_OUT = frozenset({"campaign", "jobs", "folds", "show_candidates", "help", "json"})
+# A node does not need campaigns, parts of recordings, cross-validation or text on standard output.
+LEFT_OUT = frozenset({"campaign", "jobs", "folds", "show_candidates", "help", "json", "part", "title", "note"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 ACTIONS = {action.dest: action for action in make_parser()._actions}
@@ -82,3 +84,14 @@ def test_a_parameter_that_does_not_apply_is_refused_and_defaults_never_are():
         assert caught.value.word(wording).startswith(line)
     assert request(units=7, structure="sigmoid").model.sizes == {"units": 7}
     assert find_given_parameters({**DEFAULTS, "bags": ["one"]}) == {"bags": ["one"]}
+
+
+def test_a_time_limit_counts_the_start_and_the_report_or_says_that_it_cannot_be_met(monkeypatch, capsys):
+    monkeypatch.setattr(Heartbeat, "elapsed_s", 2.0)
+    assert share_time(15.0) == 11.0 and share_time(inf) == inf and not capsys.readouterr().err
+    monkeypatch.setattr(Heartbeat, "elapsed_s", 3.5)
+    assert share_time(15.0) == 10.5 and not capsys.readouterr().err
+    monkeypatch.setattr(Heartbeat, "elapsed_s", 10.0)
+    assert share_time(15.0) == 10.5
+    said = "--time 15 cannot be met: start and reading took 10.0 s, as will the report; it will be about 30 s"
+    assert said in capsys.readouterr().err

@@ -84,3 +84,17 @@ def test_a_force_against_a_speed_alone_is_named_with_a_remedy_that_works(tmp_pat
 def test_a_measured_speed_that_is_not_there_is_refused():
     with pytest.raises(RecordingError, match="no measured speed; describe 'speed' in the signals file"):
         choose_motion([DeskRecording.from_arrays(T, X, CURRENT, F)], "measured")
+
+
+def test_a_speed_or_acceleration_is_never_dropped_without_a_word(tmp_path):
+    said, noise = [], np.random.default_rng(1).normal(0.0, 0.1, len(T))
+    log = write(tmp_path / "log.csv", **LOG, speed_m_s=V, acceleration_m_s2=np.gradient(V, T), wheel_speed_m_s=noise)
+    read_log(log, say=said.append)
+    assert "speed from 'speed_m_s' [m/s] to check the position with" in said[0]
+    assert "'acceleration_m_s2' (acceleration) not used" in said[0] and "'wheel_speed_m_s' (speed) not used" in said[0]
+    alone = {name: LOG[name] for name in ("time_s", "current_A", "force_N")}
+    said.clear()
+    with pytest.warns(RecordingWarning, match="position: none was measured; it is the integral of the speed"):
+        recording = read_log(write(tmp_path / "alone.csv", **alone, speed_m_s=V), say=said.append)
+    assert "speed from 'speed_m_s' [m/s]" in said[0] and "not used" not in said[0]
+    assert np.corrcoef(recording.channel("position").values, X)[0, 1] > 0.99

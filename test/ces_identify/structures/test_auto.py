@@ -62,6 +62,12 @@ def test_the_best_is_taken_alone_if_no_other_is_nearly_as_good(fitted):
     assert limits["experts"].time == pytest.approx(20.0, abs=1.0)
 
 
+def test_no_structure_is_begun_when_the_time_is_nearly_up(fitted, monkeypatch):
+    limits, clock = fitted(experts=3.0, hydraulic=1.0, recurrent=4.0), iter([0.0, *[90.0] * 9])
+    monkeypatch.setattr(auto, "clock_s", lambda: next(clock))
+    assert choose(time=100.0).how["structures"] == {"experts": 3.0} and list(limits) == ["experts"]
+
+
 def test_those_that_are_nearly_as_good_are_averaged_by_their_costs(fitted):
     fitted(experts=1.0, hydraulic=1.5, recurrent=1.61)
     fit = choose()
@@ -107,7 +113,7 @@ def test_advice_names_the_best_structure_only_if_it_is_clearly_better(costs, nam
 
 def test_a_chosen_structure_is_compared_with_a_short_fit_of_those_with_physics(fitted):
     limits = fitted(polynomial=5.0, **{PHYSICAL: 4.0})
-    fit = select_fitter("polynomial", {})([], None, IdentifyOptions(limits=Limits(time=1000.0)), None)
+    fit = select_fitter("polynomial", {})([], None, IdentifyOptions(limits=Limits(time=1000.0)), lambda news: None)
     assert fit.how["structures"] == {"polynomial": 5.0, PHYSICAL: 4.0}
     assert (limits["polynomial"].time, limits[PHYSICAL].work) == (
         pytest.approx(650.0, abs=1.0),

@@ -10,7 +10,7 @@ from planted import FUZZY, NETWORK, RATE_HZ, planted, with_values
 
 from ces_identify.identification import identify
 from ces_identify.limits import StabilityLimits
-from ces_identify.numerics.search import NO_MORE_GAIN, TIME_IS_UP, Limits
+from ces_identify.numerics.search import NO_MORE_GAIN, TIME_IS_UP, Limits, SearchResult
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.lagged import NO_STEP
@@ -58,7 +58,11 @@ def test_the_model_is_certified_and_its_proof_stands(result):
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
     heard = []
-    quick = identify_kind(kind, limits=Limits(time=0.3, starts=1, threads=1), listener=heard.append)
+
+    def listen(news):
+        heard.extend([news] if isinstance(news, SearchResult) else [])
+
+    quick = identify_kind(kind, limits=Limits(time=0.3, starts=1, threads=1), listener=listen)
     assert quick.search_results[0].ended in {TIME_IS_UP, NO_MORE_GAIN, NO_STEP}
     costs = [f.cost for f in heard]
     assert costs == sorted(costs, reverse=True)
@@ -72,7 +76,7 @@ def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
 
     heard.clear()
     monkeypatch.setattr("ces_identify.numerics.search.wait", interrupt)
-    broken_off = identify_kind(kind, limits=Limits(time=60.0, starts=1, threads=1), listener=heard.append)
+    broken_off = identify_kind(kind, limits=Limits(time=60.0, starts=1, threads=1), listener=listen)
     assert broken_off.search_results[0].ended == "interrupted"
     assert np.isfinite(broken_off.search_results[0].cost)
 

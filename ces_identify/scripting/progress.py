@@ -1,0 +1,48 @@
+"""One line that says what a script or notebook waits for: its step and the time since it began, each second anew."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeAlias
+
+Progress: TypeAlias = Callable[[str, float], None]  # the present step, and the share of the work that is done
+ProgressInput: TypeAlias = Progress | bool | None
+EVERY_S, WIDTH = 1.0, 110
+
+
+@contextmanager
+def show_progress(given: ProgressInput) -> Iterator[Progress]:
+    """Give the function to call with each step: the user's own, or one that shows them while the context is open.
+
+    None shows them where somebody looks: in a notebook and on a terminal.
+    """
+    if callable(given):
+        yield given
+    elif given is False or (given is None and not _is_watched()):
+        yield lambda step, share: None
+    else:
+        newest, ended = [""], threading.Event()
+        thread = threading.Thread(target=_rewrite, args=(newest, ended), daemon=True)
+        thread.start()
+        try:
+            yield lambda step, share: newest.__setitem__(0, step + (f", {share:.0%}" if share > 0.0 else ""))
+        finally:
+            ended.set()
+            thread.join()
+
+
+def _is_watched() -> bool:
+    return "ipykernel" in sys.modules or sys.stderr.isatty()
+
+
+def _rewrite(newest: list[str], ended: threading.Event) -> None:
+    """Write the newest step over the line each second; leave an empty line."""
+    began = time.monotonic()
+    while not ended.wait(EVERY_S):
+        line = f"{time.monotonic() - began:4.0f} s  {newest[0]}"
+        print(f"\r{line[:WIDTH]:{WIDTH}}", end="", file=sys.stderr, flush=True)
+    print(f"\r{'':{WIDTH}}\r", end="", file=sys.stderr, flush=True)
