@@ -68,14 +68,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 141.8,
-    "ces_data": 104.2,
+    "ces_data": 105.1,
     "ces_report": 13.8,
     "ces_identify": 176.9,
     "ces_rig": 71.9,
     "ces_gap": 128,
     "ces_cli": 73,
     "bench": 72.4,
-    "test": 467.7,
+    "test": 468.3,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
