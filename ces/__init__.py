@@ -14,7 +14,6 @@ user's raises `CesError` with one line.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from inspect import signature
@@ -225,6 +224,7 @@ def calibrate(
     `fit` names some of them (NAME or NAME=LOW..HIGH); without it, all. `out` is a folder for calibrated.json and
     report.html. Raises CesError if nothing can be fitted.
     """
+    from ces_data.findings import warn
     from ces_data.reading import as_recordings
     from ces_gap.augmented import name_simulation
     from ces_gap.calibrate.calibration import calibrate as calibrate_simulation
@@ -237,7 +237,7 @@ def calibrate(
     subject, name = _open(simulation)
     recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
     for text in check_recordings(recordings, kept, []):
-        warnings.warn(text, stacklevel=2)
+        warn(text)
     names = [fit] if isinstance(fit, str) else fit
     with one_blas_thread(), show_progress(progress) as tell:
         result = calibrate_simulation(subject, name, recordings, kept, names, tell)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import yaml
 
+from ces_data.findings import warn
 from ces_data.logs.frame import FrameTable, is_frame
 from ces_data.logs.log_import import to_recording
-from ces_data.mapping.proposals import parse_mapping_without_force, propose_for
+from ces_data.mapping.proposals import GIVE_RATE, NO_TIME, parse_mapping_without_force, propose_for
 from ces_data.recording import Recording
 from ces_data.tables import tabulate
+from ces_data.units import split_unit
 from ces_observer.errors import CesError, RecordingError
+from ces_observer.signals import UNITS
 
 NAME = "DataFrame"
 EXAMPLE = "columns={'position': {'column': 'x', 'unit': 'mm'}, 'current': 0.5}"
@@ -25,39 +28,63 @@ def is_table(given: object) -> bool:
 
 
 def read_frame(
-    table: Any, *, columns: Mapping[str, Any] | None = None, need: Sequence[str], name: str = ""
+    table: Any, *, columns: Mapping[str, Any] | None = None, need: Sequence[str], name: str = "", number: int = 0
 ) -> Recording:
     """Return the recording in a DataFrame, or in a mapping of arrays (n,) by name.
 
     Time (a column, or the index: dates, durations, or numbers with a unit in the name), position, current and force are
     found by names, units and numbers, as `ces import` finds them. `columns` names those that are not found: each a
-    column's name, a constant in SI units, or what a mapping file holds for a signal. Raises RecordingError.
+    column's name, a constant in SI units, or what a mapping file holds for a signal; a column whose unit is not said
+    has that in its name. `number` tells tables without a `name` apart. Raises RecordingError.
     """
     if not is_table(table):
         raise CesError(f"{name or 'table'}: expected a DataFrame or a mapping of arrays; got a {type(table).__name__}")
     if not isinstance(columns or {}, Mapping):
         raise CesError(f"columns: expected columns by signal; {EXAMPLE}")
-    name = name or (NAME if is_frame(table) else "arrays")
+    name = name or (NAME if is_frame(table) else "arrays") + (f" {number}" if number else "")
     log = FrameTable(table, name)
     proposal = propose_for(log, need=need)
-    given = {signal: _as_source(signal, source) for signal, source in (columns or {}).items()}
-    content = {**(yaml.safe_load(proposal.text) or {}), **given}
+    found = yaml.safe_load(proposal.text) or {}
+    given = {signal: _as_source(signal, source, found) for signal, source in (columns or {}).items()}
+    content = {**found, **given}
     if "rate" in given:
         content.pop("time", None)
     settled = {*given, *({"time"} if "rate" in given else ())}
     doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled]
     if doubts:
-        raise RecordingError(f"{name}: {doubts[0]}; say which it is: {EXAMPLE}")
-    for remark in proposal.remarks:
-        warnings.warn(f"{name}: {remark}", stacklevel=4)
-    return to_recording(log, parse_mapping_without_force(content, name))
+        remedy = "" if doubts[0] in proposal.faults else _remedy(doubts[0])
+        raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE)}{remedy}")
+    for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
+        warn(f"{name}: {remark}")
+    taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
+    return replace(to_recording(log, parse_mapping_without_force(content, name)), taken=", ".join(taken))
 
 
-def _as_source(signal: str, source: Any) -> Any:
-    """Return what a mapping file would hold: the text of a column, or a number, is short for it."""
+def _remedy(doubt: str) -> str:
+    """Return how to say what was not found, for the end of an error."""
+    signal = doubt.partition(":")[0]
+    if signal == "time" and NO_TIME not in doubt:
+        return ""
+    if signal == "time":
+        return "; say which it is: columns={'time': 'NAME'}, or {'rate': 1000} [Hz] without one"
+    if signal == "current":
+        return "; say which it is: columns={'current': 'NAME'}, or {'current': 0.0} [A] for a constant"
+    return f"; say which it is: columns={{'{signal}': {{'column': 'NAME', 'unit': 'mm'}}}}" if signal in UNITS else ""
+
+
+def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:
+    """Return what a mapping file would hold: the text of a column, or a number, is short for it.
+
+    A column has the unit in its name, or that which its numbers were `found` to speak for.
+    """
     if isinstance(source, str):
-        return {"column": source}
-    if isinstance(source, Mapping) or signal == "rate":
+        unit, other = split_unit(source)[1], found.get(signal)
+        same = other if isinstance(other, Mapping) and str(other.get("column")) == source else {}
+        return {"column": source, **({"unit": unit.text} if unit else _scaling(same))}
+    if isinstance(source, Mapping):
+        unit = None if {"unit", "scale"} & {*source} else split_unit(str(source.get("column", "")))[1]
+        return {**source, **({"unit": unit.text} if unit else {})}
+    if signal == "rate":
         return source
     try:
         return {"constant": float(source)}
@@ -79,6 +106,12 @@ def to_frame(recording: Recording) -> Any:
             values[column.name] = values[column.name].copy()
             values[column.name][column.missing] = float("nan")
     return pandas.DataFrame(values, index=pandas.Index(1e-9 * table.time_ns, name="time_s"))
+
+
+def _scaling(source: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the unit of what was found, without a turned sign: who names a column means it as it is."""
+    scale = {"scale": abs(source["scale"])} if "scale" in source and not source.get("offset") else {}
+    return {key: source[key] for key in ("unit",) if key in source} or scale
 
 
 def import_pandas() -> Any:

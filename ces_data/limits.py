@@ -222,6 +222,7 @@ class TableLimits:
     MIN_RATE_HZ = 1e-6  # [Hz] that a user may give
     MIN_SAMPLES = 3  # of a signal
     MIN_STEP_S, MAX_STEP_S = 1e-6, 0.1  # [s] of a time without a unit: others are days, ms or numbers of rows
+    EVEN_SHARE = 0.99  # of the steps of a column that may be a time without a name: pauses are rare
     MAX_ROWS_PER_TIME = 1.5  # more are too coarse to tell one row from the next
     MIN_APART, MAX_APART = 0.05, 100.0  # steps between two times in a row: those of two signals, or two clocks
     MAX_ZERO_SHARE = 0.2  # of a file's bytes, that serial lines add to a text; more are binary numbers

@@ -11,9 +11,11 @@ from typing import Any, TypeAlias
 
 from ces_data.bags import reader
 from ces_data.bags.find import find_bags
+from ces_data.checks.motion import recorded_motion
+from ces_data.checks.units import unit_findings
 from ces_data.findings import require_usable, warn
 from ces_data.frames import is_table, read_frame
-from ces_data.log_formats import is_foreign
+from ces_data.log_formats import is_log
 from ces_data.logs import log_import
 from ces_data.logs.log_mapping import load_dyno_mapping
 from ces_data.mapping.proposals import propose_mapping, split_damper
@@ -54,8 +56,8 @@ def read_log(
     if mapping is not None:
         return _check(_with_hash(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))), path))
     proposal = propose_mapping(path, need=need)
-    recording = _with_hash(proposal.read(), split_damper(path)[0])
-    say(", ".join(proposal.found))
+    recording = replace(_with_hash(proposal.read(), split_damper(path)[0]), taken=", ".join(proposal.found))
+    say(recording.taken)
     for remark in proposal.remarks:
         warn(f"{path}: {remark}")
     return _check(take(recording))
@@ -66,17 +68,17 @@ def as_recordings(
 ) -> list[Recording]:
     """Return recordings that were given as such, as tables, or as paths and globs of bags and logs, one or several."""
     single = isinstance(given, Recording | str | os.PathLike) or is_table(given)
-    if not single and not hasattr(given, "__iter__"):
+    if not single and (not hasattr(given, "__iter__") or hasattr(given, "dtype")):
         raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(given)}")
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
         raise CesError("no recording given; expected a recording, a path, or several of them")
-    recordings = []
-    for one in several:
+    recordings: list[Recording] = []
+    for number, one in enumerate(several, 1):
         if isinstance(one, Recording):
             recordings.append(one)
         elif is_table(one):
-            recordings.append(_check(read_frame(one, need=need)))
+            recordings.append(check_table(read_frame(one, need=need, number=number if len(several) > 1 else 0)))
         elif not isinstance(one, str | os.PathLike):
             raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(one)}")
         else:
@@ -85,7 +87,7 @@ def as_recordings(
 
 
 def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recording:
-    if is_foreign(path):
+    if is_log(path):
         return read_log(path, need=need)
     return read_recording(path, signals=signals, need=need)
 
@@ -106,6 +108,14 @@ def _with_hash(recording: Recording, path: Path) -> Recording:
     """Return a recording with the hash of its file, by which it is known again."""
     with path.open("rb") as file:
         return replace(recording, sha256=hashlib.file_digest(file, "sha256").hexdigest())
+
+
+def check_table(recording: Recording) -> Recording:
+    """Return a recording made of arrays that can be used; warns of what looks wrong, units too. Raises CesError."""
+    for finding in unit_findings(_check(recording), recorded_motion(recording)):
+        text = finding.text.replace(" in the signals file", "").replace(" in the mapping file", "")  # there is none
+        warn(f"{recording.name}: {text}")
+    return recording
 
 
 def _check(recording: Recording) -> Recording:

@@ -71,7 +71,8 @@ class Recording:
 
     `source` is the path, `sha256` the hash of the bytes of the file or of the folder's data files; both are empty for a
     recording made in memory. `constants` holds signals that are known without a channel. `optional` are the channels
-    that a model uses only if it is asked to, such as the speed in a log with a position.
+    that a model uses only if it is asked to, such as the speed in a log with a position. `taken` says which column was
+    read as what, where that was found by name, unit and numbers.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Recording:
     source: str = ""
     sha256: str = ""
     optional: frozenset[str] = frozenset()
+    taken: str = ""
 
     @classmethod
     def join(cls, blocks: Sequence[Recording]) -> Recording:

@@ -27,6 +27,7 @@ from ces_gap.inference.rare import RareDeviation
 from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
 from ces_gap.regions.axes import GapMap, GapRegion, Where
 from ces_gap.trace import usable_inputs, usable_values
+from ces_report.table import PrintedResult
 
 __all__ = [
     "AMBIGUOUS", "NAMED", "NO_GAP", "UNKNOWN", "Diagnosis", "Estimate", "Explanation", "Gap", "GapMap", "GapRegion",
@@ -34,8 +35,8 @@ __all__ = [
 ]  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(PrintedResult):
     """The complete result of a diagnosis."""
 
     verdict: str
@@ -70,9 +71,6 @@ class Diagnosis:
     timed_N: float = float("nan")  # gap after the simulation's timing was fitted
     probe: SimulationProbe = NOT_PROBED  # what the simulation does to its inputs
     rare: RareDeviation | None = None  # the largest local deviation, if it stands out
-
-    def __repr__(self) -> str:
-        return f"<{self.verdict}: {self.sentence}>"
 
 
 SPEED_SHARES = np.array([0.0, 0.05, 0.35, 0.65, 0.95, 1.0])  # quantiles that bound the cells of speed

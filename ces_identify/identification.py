@@ -54,7 +54,7 @@ from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 
 UNLIKE_FORCE = "the force does not follow these signals: check that topics, signs and damper are the right ones"
-FIT_SHARE = 0.85  # of a time limit, until there is a model; band, proofs and evaluation have the rest
+FIT_SHARE = 0.9  # of a time limit, until there is a model; band, proofs and evaluation have the rest
 THINNED = "identified_on"  # key of the provenance
 COSTS = "cost_J_percent"  # key of the provenance
 

@@ -92,6 +92,9 @@ def read_document(record: Field, values: object, source: str, schema: str, remed
     """Return the record of a whole file of ours, complete and with its `schema` under that key; raises `error`."""
     if not isinstance(values, Mapping):
         raise error(f"{source} is {quote(values)}; expected an object with schema '{schema}'")
+    kind = str(values.get("schema")).partition("/")[0]
+    if kind.startswith("ces-") and kind != schema.partition("/")[0]:
+        raise error(f"{source} is a file of another kind, {kind}; expected {schema.partition('/')[0]}")
     if values.get("schema") != schema:
         raise error(f"{source}: schema is {quote(values.get('schema'))}; expected '{schema}': {remedy}")
     content = {key: value for key, value in values.items() if key != "schema"}

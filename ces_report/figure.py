@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from ces_report.drawing import F, Mask, Panel, around_zero, axes, between, dots, line, note, panel, span_of, svg
 
+MAX_ENTRIES = 8  # of a legend
 SERIES = 8  # classes s0 to s7: colours of things that have no order
 CURVES = 4  # classes c0 to c3: colours that rise with their order, such as currents
 LEFT, RIGHT, TOP = 62.0, 16.0, 26.0  # [px] around the areas
@@ -24,7 +25,7 @@ class PlotLine:
 
     `name` is the entry in the legend (none if empty); marks of the same name are shown and hidden together. `css` are
     classes of the style sheet, never colours. A line through points that are not in the order of x needs a plot with
-    `free` axes.
+    `free` axes. Where a legend shows a scale, it names the `group` in place of each mark.
     """
 
     name: str
@@ -32,6 +33,7 @@ class PlotLine:
     y: F
     css: str = "measured"
     breaks: Mask | None = None
+    group: str = ""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class PlotDots:
     x: F
     y: F
     css: str = "measured dots"
+    group: str = ""
 
 
 @dataclass(frozen=True)
@@ -94,13 +97,22 @@ class PlotArea:
 
 
 @dataclass(frozen=True)
+class PlotScale:
+    """The colours of marks that rise in an order, such as currents: style-sheet classes from `low` to `high`."""
+
+    styles: Sequence[str]
+    low: str
+    high: str
+
+
+@dataclass(frozen=True)
 class Plot:
     """A chart: areas below each other; `title` and `text` are its accessible name and its description in a sentence.
 
     `ident` must be unique in the page. `x_view` is the range of x that is shown at first and in print, None for all.
     Charts of one `group` zoom, move and read values together. `free`: zoom works on both axes, and values are read at
     the nearest point (speed-force clouds, loops); otherwise zoom works on x, and y follows what is visible.
-    Areas fill `columns` row by row.
+    Areas fill `columns` row by row. A legend of more than MAX_ENTRIES names shows the `scale` and the groups of marks.
     """
 
     ident: str
@@ -115,6 +127,7 @@ class Plot:
     x_ticks: int = 8
     legend: bool = True
     columns: int = 1
+    scale: PlotScale | None = None
 
 
 def series_css(number: int) -> str:
@@ -131,8 +144,8 @@ def draw_svg(plot: Plot, panels: Sequence[Panel]) -> Markup:
     """Return the figure of a plot in `panels`, one for each area."""
     parts = []
     for number, (area, p) in enumerate(zip(plot.areas, panels, strict=True)):
-        box = f'x="{p.x.start:.1f}" y="{p.y.stop - 2:.1f}" width="{p.x.stop - p.x.start:.1f}"'
-        box += f' height="{p.y.start - p.y.stop + 4:.1f}"'
+        box = f'x="{p.x.start - 3:.1f}" y="{p.y.stop - 3:.1f}" width="{p.x.stop - p.x.start + 6:.1f}"'
+        box += f' height="{p.y.start - p.y.stop + 6:.1f}"'
         parts.append(f'<clipPath id="{plot.ident}-clip{number}"><rect {box}/></clipPath>')
         empty = not any(np.isfinite(values).any() for values in _values(area.marks, (-np.inf, np.inf)))
         x_label, y_ticks = plot.x_label if has_x_axis(plot, number) else "", None if area.around_zero else area.y_ticks

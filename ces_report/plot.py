@@ -17,12 +17,14 @@ from markupsafe import Markup
 
 from ces_report.drawing import F, I, Mask, Panel, axes, label, panel, span_of, svg, with_value
 from ces_report.figure import (
+    MAX_ENTRIES,
     Plot,
     PlotArea,
     PlotBand,
     PlotDots,
     PlotLine,
     PlotMark,
+    PlotScale,
     PlotShade,
     curve_css,
     draw_svg,
@@ -36,7 +38,7 @@ from ces_report.table import Section, text_table
 from ces_report.typesetting import Chart, ChartCurve, minus
 
 __all__ = [
-    "Plot", "PlotArea", "PlotBand", "PlotDots", "PlotLine", "PlotMark", "PlotShade", "curve_css",
+    "Plot", "PlotArea", "PlotBand", "PlotDots", "PlotLine", "PlotMark", "PlotScale", "PlotShade", "curve_css",
     "draw_plot", "series_css", "share_points",
 ]  # fmt: skip
 
@@ -82,13 +84,30 @@ def draw_plot(plot: Plot, max_points: int = MAX_POINTS, table: Markup | None = N
 
 
 def _legend(plot: Plot) -> Markup:
-    """Return a list of the names of all marks, each with the swatch of the first mark of this name."""
-    named = [mark for area in plot.areas for mark in area.marks if mark.name]
-    first = {mark.name: next(candidate for candidate in named if candidate.name == mark.name) for mark in named}
-    entries = Markup("").join(
-        Markup('<li data-name="{}">{}{}</li>').format(name, _swatch(mark), name) for name, mark in first.items()
+    """Return a list of the names of all marks, or of their groups, each with the swatch of the first such mark."""
+    first: dict[str, PlotMark] = {}
+    groups: dict[str, PlotMark] = {}
+    for mark in (mark for area in plot.areas for mark in area.marks if mark.name):
+        first.setdefault(mark.name, mark)
+        groups.setdefault(getattr(mark, "group", "") or mark.name, mark)
+    more, shown = Markup(""), first
+    if len(first) > MAX_ENTRIES:
+        shown = groups if plot.scale is not None else dict(list(first.items())[: MAX_ENTRIES - 1])
+        more = (
+            Markup("<li>and {} more</li>").format(len(first) - len(shown)) if plot.scale is None else _ramp(plot.scale)
+        )
+    entries = more + Markup("").join(
+        Markup('<li data-name="{}">{}{}</li>').format(name, _swatch(mark), name) for name, mark in shown.items()
     )
     return Markup('<ul class="plot-legend">{}</ul>').format(entries) if entries else Markup("")
+
+
+def _ramp(scale: PlotScale) -> Markup:
+    """Return the entry of a legend that shows the colours of a scale."""
+    parts = [Markup('<path class="{}" d="M{},5h14"/>').format(css, 14 * n) for n, css in enumerate(scale.styles)]
+    width = 14 * len(parts)
+    ramp = Markup('<svg class="plot-scale" style="width:{0}px" viewBox="0 0 {0} 10" aria-hidden="true">{1}</svg>')
+    return Markup("<li>{}{}{}</li>").format(scale.low, ramp.format(width, Markup("").join(parts)), scale.high)
 
 
 def _swatch(mark: PlotMark) -> Markup:
@@ -150,7 +169,7 @@ class _Packer:
 
     def mark(self, mark: PlotMark) -> dict[str, Any]:
         """Return a mark with the numbers of its arrays."""
-        head = {"name": mark.name, "css": mark.css}
+        head = {"name": mark.name, "group": getattr(mark, "group", ""), "css": mark.css}
         if isinstance(mark, PlotDots):
             return {**head, "kind": "dots", "x": self._add(mark.x, wide=True), "y": self._add(mark.y)}
         if isinstance(mark, PlotShade):  # what is closer than the finest pixel is one

@@ -205,7 +205,7 @@ class InteractivePlot {
       bar.append(makeElement("button", {type: "button", textContent: text, title: label, onclick: act}, {"aria-label": `${label}: ${title}`}));
     }
     this.root.prepend(bar);
-    for (const entry of this.root.querySelectorAll(":scope > .plot-legend > li")) {
+    for (const entry of this.root.querySelectorAll(":scope > .plot-legend > li[data-name]")) {
       const button = makeElement("button", {type: "button", title: "Show or hide"}, {"aria-pressed": "true"});
       button.append(...entry.childNodes);
       entry.append(button);
@@ -231,7 +231,7 @@ class InteractivePlot {
 
   linked() { return this.group ? plots.filter(plot => plot.group === this.group) : [this]; }
 
-  isVisible(mark) { return !this.hidden.has(mark.name); }
+  isVisible(mark) { return !this.hidden.has(mark.name) && !this.hidden.has(mark.group); }
 
   // The range of y: chosen by the reader, as at first, or what is visible with some room.
   fitY(area, view) {

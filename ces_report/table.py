@@ -11,6 +11,7 @@ import io
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, dataclass
+from functools import singledispatch
 from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
@@ -129,6 +130,25 @@ class Section:
     equation: Markup = Markup("")
     symbols: Symbols = ()
     charts: tuple[Chart, ...] = ()
+
+
+class PrintedResult:
+    """A result that prints itself in scripts and notebooks as a few lines and a table, see `summarize_result`."""
+
+    def __repr__(self) -> str:
+        lines, table = summarize_result(self)
+        return "\n".join([*lines, str(table)] if table.rows else lines)
+
+    def _repr_html_(self) -> str:
+        lines, table = summarize_result(self)
+        text = Markup("<br>").join(lines)
+        return str(Markup("<p>{}</p>{}").format(text, table.to_html() if table.rows else ""))
+
+
+@singledispatch
+def summarize_result(result: object) -> tuple[Sequence[str], Table[Any]]:
+    """Return what a result says in a few lines, and its table; rooms that have the words register theirs."""
+    return [f"<{type(result).__name__}>"], Table((), ())
 
 
 def parameter_section(

@@ -17,6 +17,7 @@ SYMBOLS = {"force": "F", "speed": "v", "current": "i", "position": "x"}
 MAX_NAMES = 5  # of recordings in a title
 MAX_NAMES_LENGTH = 120  # characters of those names together
 MAX_FIGURES = 7  # of an end of a range
+MAX_DIGITS = 5  # behind the point; more are a power of ten
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
 MEANINGS = {
@@ -105,9 +106,27 @@ def format_spread(value: float, spread: float, figures: int = 3) -> str:
     """Return `value ± spread`, to one figure of the spread, two if it begins with 1 or 2; `figures` without spread."""
     if not (math.isfinite(value) and math.isfinite(spread) and spread > 0.0):
         return format_decimal(value, figures)
+    return " ± ".join(_round_like(spread, value, spread))
+
+
+def format_within(value: float, low: float, high: float, figures: int = 3) -> tuple[str, str]:
+    """Return a value and its interval `low to high` with the digits that half the interval justifies.
+
+    That is the rule of `format_spread`. Without an interval the value has `figures`, and the interval is a dash.
+    """
+    if not (math.isfinite(value + low + high) and low < high):
+        return format_number(value, figures), format_range(low, high) if math.isfinite(low + high) else "\N{EN DASH}"
+    shown, *ends = _round_like(0.5 * (high - low), value, low, high)
+    return shown, " to ".join(ends)
+
+
+def _round_like(spread: float, *values: float) -> list[str]:
+    """Return values to the first figure of a spread, to the second if it begins with 1 or 2."""
     decade = math.floor(math.log10(spread))
     digits = (1 if spread < 3.0 * 10.0**decade else 0) - decade
-    return minus(f"{round(value, digits):.{max(digits, 0)}f} ± {round(spread, digits):.{max(digits, 0)}f}")
+    if digits > MAX_DIGITS:  # with a power of ten
+        return [format_number(v, digits + 1 + math.floor(math.log10(abs(v))) if abs(v) > spread else 1) for v in values]
+    return [minus(f"{round(value, digits) + 0.0:.{max(digits, 0)}f}") for value in values]
 
 
 def format_range(low: float, high: float) -> str:

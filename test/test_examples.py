@@ -31,7 +31,7 @@ def write_csv(path, seed):
 def test_logs_become_a_model_and_its_report(tmp_path, monkeypatch):
     monkeypatch.setattr(*NO_SHORT_FITS)
     files, out = [write_csv(tmp_path / f"{seed}.csv", seed) for seed in (1, 2)], tmp_path / "out"
-    words = [files[0], "--out", str(out), "--validate", files[1], "--time", "1", "--starts", "1", "--no-band"]
+    words = [files[0], "--out", str(out), "--validate", files[1], "--time", "3", "--starts", "1", "--no-band"]
     assert main_of("csv_to_model.py")(words) == 0
     rows = json.loads((out / "model.json").read_text())["provenance"]["cost_J_percent"]
     assert [row["recording"] for row in rows] == ["1", "2"] and rows[1]["J"] < 40.0

@@ -114,6 +114,9 @@ def _propose(path: Path, request: ImportRequest) -> None:
         proposal = _find_mapping(path, request, bar)
     print(schema_line("import") + proposal.text, end="")
     print_proposal(proposal.selection, terminal.err)
+    for doubt in proposal.doubts:
+        if doubt.startswith("time:"):
+            terminal.print_line(f"check: {doubt}", "yellow", terminal.err)
     for note in proposal.log.notes:
         terminal.print_line(f"{path}: {note}", console=terminal.err)
 

@@ -131,4 +131,4 @@ def _others(ratings: tuple[Rating, ...]) -> Iterator[tuple[str, ...]]:
 
 def _describe(of: Choice | Rating) -> str:
     c = of.candidate
-    return f"{c.label}\n{c.low:.4g} to {c.high:.4g}, {c.rate_Hz:.4g} Hz"
+    return f"{c.label}\n{c.range_text}"

@@ -152,7 +152,9 @@ def overview(kind: str = "") -> str:
         total=len(candidates),
         found=len(shown),
         items=shown[:MAX_ROWS],
-        facts=[list_facts(kind, item) for item in shown[:MAX_ROWS]],
+        headings=[(heading, is_number) for heading, _, is_number in list_facts(kind, shown[0])] if shown else [],
+        groups=contents.group_by_tests(shown[:MAX_ROWS]),
+        facts_of=list_facts,
         follows=not listing.items and not query,  # an empty list is filled soon
     )
 

@@ -75,6 +75,14 @@ def content_of(folder: ServedFolder, listing: Listing, item: Item) -> PageConten
     return content
 
 
+def group_by_tests(items: Sequence[Item]) -> dict[str, list[Item]]:
+    """Return things by the recordings that they were tested on, in their order: costs compare within a group only."""
+    groups: dict[str, list[Item]] = {}
+    for item in items:
+        groups.setdefault(str(item.facts.get("tests", "")), []).append(item)
+    return groups
+
+
 def suggest_recordings(models: Sequence[Item], recordings: Sequence[Item], most: int) -> set[str]:
     """Return the recordings on which all models were validated, else one that no model was identified on."""
     validated = [set(item.facts["validation"]) for item in models]

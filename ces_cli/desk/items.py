@@ -6,6 +6,7 @@ a file whose values are not those that our programs write.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import re
@@ -34,12 +35,12 @@ WRONG_CONTENT = (KeyError, TypeError, ValueError, AttributeError, IndexError, Ar
 MODEL, REPORT, RESULT, RECORDING, UNREADABLE = "model", "report", "result", "recording", "unreadable"
 KINDS = {  # by kind: the heading of its page, one, several, and the columns of its list: key of the fact, heading, form
     MODEL: ("Models", "model", "models", "structure,structure; size,size; cost_J,J % validation,.2f; "
-            "fit_J,J % identification,.2f; recordings,identified on; stability,stability"),
-    RESULT: ("Results", "result", "results", "what,kind; summary,says; cost_J,J %,.2f"),
+            "recordings,identified on; stability,stability"),
+    RESULT: ("Results", "result", "results", "what,kind; summary,says"),
     REPORT: ("Reports", "report", "reports", "summary,title"),
     RECORDING: ("Recordings", "recording", "recordings", "seconds,s,.1f; messages,messages,d; MB,MB,.1f"),
     UNREADABLE: ("Unreadable", "unreadable file", "unreadable files", "summary,says"),
-    "": ("Overview", "thing", "things", "what,kind; summary,says; cost_J,J %,.2f"),
+    "": ("Overview", "thing", "things", "what,kind; summary,says"),
 }  # fmt: skip
 HASHED = re.compile(r"[0-9a-f]{16,}\.json")
 DONE = "done"
@@ -189,15 +190,13 @@ MODEL_FILE = some_of(
     certificate=Field(kind=Mapping, null=None),
     sampling=some_of(rate_Hz=Field(kind=float)),
     provenance=some_of(
-        cost_J_percent=replace(some_of(role=TEXT, J=COST), many=True, null=None, default=()),
+        cost_J_percent=replace(some_of(recording=TEXT, role=TEXT, J=COST), many=True, null=None, default=()),
         identification=RECORDINGS,
         validation=RECORDINGS,
     ),
 )
-GAP_FILE = some_of(sentence=TEXT, verdict=TEXT, gap=some_of(rms_N=COST, cost_J=COST))
-CAMPAIGN_ROWS = Field(
-    kind=some_of(status=TEXT, structure=Field(default=""), selection_J=replace(COST, default=None)).kind, many=True
-)
+GAP_FILE = some_of(sentence=TEXT, verdict=TEXT, gap=some_of(rms_N=COST))
+CAMPAIGN_ROWS = Field(kind=some_of(status=TEXT, structure=Field(default="")).kind, many=True)
 FLEET_ROWS = Field(kind=some_of(status=TEXT, name=TEXT, verdict=Field(default="")).kind, many=True)
 """What is shown of each kind of file; the rest is left unread."""
 
@@ -207,10 +206,8 @@ def _model_facts(path: Path) -> tuple[str, Facts]:
     model = MODEL_FILE.check({"provenance": {}, **content}, "content", UnreadableError)
     known, certificate = model["provenance"], model["certificate"]
 
-    def mean_J(role: str) -> float | None:
-        costs = [cost["J"] for cost in known["cost_J_percent"] or () if cost["role"] == role and cost["J"] is not None]
-        return sum(costs) / len(costs) if costs else None
-
+    tested = [cost for cost in known["cost_J_percent"] or () if cost["role"] == "validation"]
+    costs = [cost["J"] for cost in tested if cost["J"] is not None]
     structure = model["structure"].removesuffix("_narx")
     # a polynomial's size without the proof of its bounds, which takes milliseconds
     size = f"{len(content['terms'])} terms" if structure == "polynomial" else load_model(path).size
@@ -219,8 +216,8 @@ def _model_facts(path: Path) -> tuple[str, Facts]:
         "structure": structure,
         "size": size,
         "summary": f"{structure}, {size}",
-        "cost_J": mean_J("validation"),
-        "fit_J": mean_J("identification"),
+        "cost_J": sum(costs) / len(costs) if costs else None,
+        "tests": _describe_tests({cost["recording"] for cost in tested}, content["provenance"] if tested else {}),
         "rate_Hz": model["sampling"]["rate_Hz"],
         "recordings": [one["recording"] for one in known["identification"] or ()],
         "validation": [one["recording"] for one in known["validation"] or ()],
@@ -229,12 +226,20 @@ def _model_facts(path: Path) -> tuple[str, Facts]:
     }
 
 
+def _describe_tests(names: set[str], provenance: Facts) -> str:
+    """Return the recordings of a model's costs, with a hash of their content, '' if it was tested on none."""
+    validation, identified = (provenance.get(role) or [] for role in ("validation", "identification"))
+    parts = [one for one in identified if one["recording"] in names]  # the rest of which is the test
+    content = sorted(f"{one.get('sha256')} {one.get('share') if one in parts else ''}" for one in [*validation, *parts])
+    digest = hashlib.sha256("\n".join(content).encode()).hexdigest()[:8]
+    return f"{', '.join(sorted(names))} (sha256 {digest}…)" if names else ""
+
+
 def _diagnosis_facts(path: Path) -> tuple[str, Facts]:
     diagnosis = GAP_FILE.check(_read_object(path), "content", UnreadableError)
     return RESULT, {
         "what": "diagnosis",
         "summary": diagnosis["sentence"],
-        "cost_J": diagnosis["gap"]["cost_J"],
         "verdict": diagnosis["verdict"].replace("_", " "),
         "gap N": diagnosis["gap"]["rms_N"],
     }
@@ -243,10 +248,9 @@ def _diagnosis_facts(path: Path) -> tuple[str, Facts]:
 def _campaign_facts(content: list[Facts]) -> Facts:
     rows = CAMPAIGN_ROWS.check(content, "line", UnreadableError)
     done = [row for row in rows if row["status"] == DONE]
-    costs = [row["selection_J"] for row in done if row["selection_J"] is not None]
     counts = f"{len(done)} models" + (f", {len(rows) - len(done)} failed" if len(done) < len(rows) else "")
     structures = ", ".join(sorted({row["structure"] for row in done}))
-    return {"what": "campaign", "summary": f"{counts}: {structures}", "cost_J": min(costs, default=None)}
+    return {"what": "campaign", "summary": f"{counts}: {structures}"}
 
 
 def _fleet_facts(content: list[Facts]) -> Facts:
@@ -262,7 +266,7 @@ def _iteration_facts(content: list[Facts]) -> Facts:
     newest = Iteration.from_row(content[-1], Path("line"))
     cost = "" if newest.fresh_J is None else f", J {newest.fresh_J:.2f} % on the last fresh recording"
     recorded = f"{len(content)} iterations, {newest.total_s:.0f} s recorded"
-    return {"what": "iteration", "summary": recorded + cost, "cost_J": newest.fresh_J}
+    return {"what": "iteration", "summary": recorded + cost}
 
 
 JSON_FACTS: dict[bytes, Callable[[Path], tuple[str, Facts]]] = {

@@ -65,7 +65,7 @@ RULES = (
     NEED_REPORT,
     never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
 )
-MIN_LEFT_SHARE = 0.5  # of a time limit, for the model, however long start and reading took
+MIN_MODEL_SHARE, TOLERANCE = 0.7, 1.2  # of a time limit: for the model at least, and that counts as met
 TAIL_TIMES = 1.0  # that tables and report take as long as start and reading did on this machine (measured: 0.8 to 1.1)
 
 
@@ -147,12 +147,12 @@ def prepare_identification(request: IdentifyProgramRequest) -> Identification:
 
 def share_time(limit_s: float) -> float:
     """Return how much of a time limit is for the model, and say so if the limit cannot be met."""
-    began_s, least_s = heartbeat.elapsed_s, MIN_LEFT_SHARE * limit_s
-    left_s = limit_s - (1.0 + TAIL_TIMES) * began_s
-    if left_s < least_s:
-        took, end_s = f"start and reading took {began_s:.0f} s", least_s + (1.0 + TAIL_TIMES) * began_s
-        terminal.print_warning(f"--time {limit_s:g} cannot be met: {took}, as will the report; about {end_s:.0f} s")
-    return max(left_s, least_s)
+    both_s = (1.0 + TAIL_TIMES) * heartbeat.elapsed_s
+    model_s = max(limit_s - both_s, MIN_MODEL_SHARE * limit_s)
+    if model_s + both_s > TOLERANCE * limit_s:
+        took = f"start and reading took {heartbeat.elapsed_s:.1f} s, as will the report"
+        terminal.print_warning(f"--time {limit_s:g} cannot be met: {took}; it will be about {model_s + both_s:.0f} s")
+    return model_s
 
 
 def _read_recordings(

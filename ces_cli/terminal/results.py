@@ -37,7 +37,7 @@ def print_costs(
     table.rows[-1].end_section = True
     if (pooled := _pool_held_out(evaluations)) is not None:
         use = f"test {pooled.scored_s:.1f} s"
-        table.add_row("all held out", use, percent(pooled.cost), interval_text(pooled.interval))
+        table.add_row("all held out", use, percent(pooled.cost, pooled.interval), interval_text(pooled.interval))
     print_table(table)
     for line in explain_missing(evaluations, floors=any(e.floor is not None for e in evaluations)):
         print(f"{NONE}: {line}")
@@ -80,7 +80,9 @@ def held_out_row(evaluations: Sequence[Evaluation]) -> dict[str, Any] | None:
 
 def fold_table(result: CrossValidation) -> Table[Sequence[str]]:
     """Return a table with a row for each held-out recording, and the mean and spread of J."""
-    rows = [(r.recording, str(r.fold), percent(r.cost), interval_text(r.interval), r.model) for r in result.rows]
+    rows = [
+        (r.recording, str(r.fold), percent(r.cost, r.interval), interval_text(r.interval), r.model) for r in result.rows
+    ]
     spread = f"spread {result.spread:.2f}" if math.isfinite(result.spread) else NONE
     heads = ("recording", "fold", "J %", "95 %", "model")
     table = text_table(heads, [*rows, ("mean", "", percent(result.mean), spread, "")], "each recording held out once")

@@ -204,8 +204,9 @@ def _take_part(recording: Recording, part: Sequence[float]) -> Recording:
     """Return the part of a recording, and say what is left out."""
     taken = recording.part(*part)
     if part:
-        left_s = recording.duration_s - taken.duration_s
-        print_line(f"{taken.name}: the part of {recording.duration_s:.3f} s; {left_s:.3f} s left out", console=err)
+        whole_s, span = recording.duration_s, f"from {part[0]:g} s to {min(part[1], recording.duration_s):.4g} s"
+        left = f"{whole_s - taken.duration_s:.1f} of {whole_s:.1f} s left out"
+        print_line(f"{recording.name}: used {span}; {left}", console=err)
     return taken
 
 

@@ -158,7 +158,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
     one), an unfinished file is read if it has all messages. Raises RecordingError if a bag is damaged or truncated.
     """
     if not path.exists():
-        raise RecordingError(f"{path}: no such file or folder; expected a rosbag2 folder or an .mcap file")
+        raise RecordingError(f"{path}: no such file or folder; expected a bag or a log")
     if is_foreign(path):
         raise RecordingError(f"{path}: {explain_import(path)}")
     with ExitStack() as opened:

@@ -28,6 +28,7 @@ OTHERS = (  # units of columns that are no signal
 OTHER_UNITS = frozenset(OTHERS.split())
 LINE_BREAK = re.compile(r"\s*[\r\n\t]\s*")  # in a quoted cell
 MIN_NUMBERED = 3  # columns in a row that numbers them
+DESCRIBED = re.compile(r'"?(\w[^|"]*)"?\|"?([^|"]*)"?(?:\|[-+.\d]+){2,3}$')  # RaceCapture's: name, unit, range, rate
 WIDE_BLANK = re.compile(r"\t+|\s{2,}")
 LAST_ROWS = 20  # which say how wide the table is
 Rows = list[tuple[int, list[str]]]  # number and cells of each line that is not blank
@@ -166,6 +167,8 @@ def find_header(rows: Rows, stated: int | None, decimal: str) -> Header:
     units = [] if units_at is None else [cell.strip().strip("[]()") for cell in _strip_mark(rows[units_at][1])]
     head = names_at + 1 if first_row is None else first_row
     head += stated is None and _numbers_columns([cells for _, cells in rows[head : head + 2]], bool(units), decimal)
+    if not units and all(parts := [DESCRIBED.match(name) for name in names]):
+        names, units = ([str(part[i]) for part in parts if part] for i in (1, 2))
     return head, tuple(names), tuple(units), rows[names_at][0]
 
 

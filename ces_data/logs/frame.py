@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from ces_data.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
 TIMES = "mM"  # kinds of arrays of dates and durations
+TEXT = "OUST"  # of text
 
 
 class FrameTable(LogTable):
@@ -35,6 +37,10 @@ class FrameTable(LogTable):
     def column(self, key: str | int) -> Values:
         """Return a column, NaN where it is missing; raises RecordingError if it holds no numbers."""
         array = self._array(key)
+        if array.dtype.kind in TEXT:
+            row, cell = next((i, str(cell)) for i, cell in enumerate(array.ravel()) if not _is_number(cell))
+            remedy = "; give a decimal point" if _is_number(cell.replace(",", ".")) else ""
+            raise RecordingError(f"{self.path}: row {row} of column {key!r} is {cell!r}; expected a number{remedy}")
         if array.dtype.kind not in "biuf":
             raise RecordingError(f"{self.path}: column {key!r} is {array.dtype}; expected numbers")
         return array.astype(np.float64)
@@ -93,11 +99,22 @@ def _as_array(values: Any, where: str) -> NDArray[Any]:
         array = np.asarray(values)
     except ValueError:
         raise RecordingError(f"{where} has rows of different lengths; expected one number a row") from None
-    if array.dtype.kind == "O":
-        try:
-            array = array.astype(np.float64)
-        except (TypeError, ValueError):
-            return np.asarray([str(value) for value in array.ravel()])
+    if array.dtype.kind in "OU":
+        array = _read_text(array)
     if array.ndim > 1 and array.size != max(array.shape):
         raise RecordingError(f"{where} has shape {array.shape}; expected one number a row")
     return array if array.ndim <= 1 else array.ravel()
+
+
+def _read_text(array: NDArray[Any]) -> NDArray[Any]:
+    """Return objects or text as numbers, else as dates, if all are; else as text."""
+    for kind in ("f8", "M8[ns]"):
+        with suppress(TypeError, ValueError):
+            return array.astype(kind)
+    return np.asarray([str(value) for value in array.ravel()])
+
+
+def _is_number(cell: str) -> bool:
+    with suppress(ValueError):
+        return bool(float(cell)) or True
+    return False

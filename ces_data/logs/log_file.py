@@ -29,7 +29,7 @@ MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
 REMEDIES = {  # what to do about files that are not read
     **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods"), "save the sheet as CSV"),
     **dict.fromkeys((".gz", ".zip", ".7z", ".bz2", ".xz", ".tar", ".rar"), "unpack it"),
-    **dict.fromkeys((".tdms", ".tdm"), "export it as CSV (DIAdem, or NI's TDMS add-in for Excel)"),
+    ".tdm": "export it as TDMS or CSV (DIAdem)",
     **dict.fromkeys((".dxd", ".d7d", ".dsd"), "export it as CSV, MAT or MDF from DewesoftX"),
     **dict.fromkeys((".h5", ".hdf5", ".hdf"), "only MATLAB's own HDF5 files (.mat) are; write CSV or Parquet"),
     **dict.fromkeys((".jsonl", ".ndjson"), "write one JSON list of the rows (jq -s . FILE), or CSV"),
@@ -41,6 +41,7 @@ LIBRARIES = {  # optional ones: the package to install, and the extra that has i
     "can": ("python-can", "can"),
     "cantools": ("cantools", "can"),
     "h5py": ("h5py", "mat73"),
+    "nptdms": ("nptdms", "tdms"),
     "pyarrow": ("pyarrow", "parquet"),
 }
 Progress = Callable[[float], None]  # is called with the share that is read

@@ -97,6 +97,7 @@ class TableClock:
     last_ns: int = 0
     shift_ns: int = 0
     gap_ns: int = 0  # that is put between blocks
+    digits: bool = False  # whether its numbers are hours, minutes and seconds, one after the other
 
 
 def _of_table(table: LogTable, mapping: DynoMapping, rate: float, clock: TableClock) -> Recording:
@@ -185,7 +186,9 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
     if stamps is None:
         stated = None if column.scaled else find_unit(table.unit(column.key))  # the unit that the file states
         scale = stated.scale if stated is not None and stated.quantity == "time" else column.scale
-        seconds = scale * table.column(column.key) + column.offset
+        numbers = table.column(column.key)
+        clock.digits = clock.digits or (not column.scaled and is_digital_clock(numbers))
+        seconds = read_digits(numbers) if clock.digits else scale * numbers + column.offset
         _require_finite(seconds, table)
         stamps = np.rint(seconds / scale if scale == 1e-9 else seconds * 1e9).astype(np.int64)
         if not clock.rows and len(stamps):
@@ -213,6 +216,24 @@ def part_blocks(stamps: Stamps, breaks: Sequence[int], clock: TableClock) -> Sta
         moved[row:] += gap_ns
         clock.gap_ns += gap_ns
     return np.asarray(moved)
+
+
+def is_digital_clock(numbers: Values) -> bool:
+    """Return whether numbers are times of day as HHMMSS.sss, which jump by 40 at each full minute.
+
+    Within a minute they count seconds, whatever they are.
+    """
+    if len(numbers) < TableLimits.MIN_SAMPLES or not np.isfinite(numbers).all() or numbers.min() < 0.0:
+        return False
+    steps, minutes = np.diff(numbers), np.diff(np.floor(numbers / 100.0))
+    valid = (numbers < 240_000.0) & (numbers % 100.0 < 60.0) & (numbers // 100.0 % 100.0 < 60.0)
+    jumps = steps[minutes > 0.0]
+    return bool(valid.all() and len(jumps) and (jumps > 40.0).all() and np.median(steps) < TableLimits.MAX_STEP_S)
+
+
+def read_digits(numbers: Values) -> Values:
+    """Return the seconds since midnight of times as HHMMSS.sss."""
+    return np.asarray(numbers // 10_000 * 3600.0 + numbers // 100 % 100 * 60.0 + numbers % 100.0)
 
 
 def _rate(table: LogTable, source: float | LogColumn | None) -> float:

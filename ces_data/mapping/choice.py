@@ -81,6 +81,16 @@ class Selection:
         """The names of several dampers, none for one."""
         return tuple(name for name in self.dampers if name)
 
+    def with_reasons(self, reasons: Mapping[str, str]) -> Selection:
+        """Return the selection with these reasons, by signal, why a signal was not found."""
+        dampers = {
+            name: replace(
+                damper, missing={s: replace(m, reason=reasons.get(s, m.reason)) for s, m in damper.missing.items()}
+            )
+            for name, damper in self.dampers.items()
+        }
+        return Selection(dampers)
+
     @property
     def checks(self) -> tuple[str, ...]:
         """What a person should check before the proposal is used."""
@@ -95,6 +105,7 @@ class Selection:
 
 MAX_STROKES, MAX_FORCES = 12, 40  # candidates that are compared in pairs, the best by name and unit
 ALONE = "by its numbers alone, nothing in its name says so"
+PASSIVE = "a passive damper needs 'current: {constant: 0.0}' only"
 UNCHECKED = "the sign could not be checked"
 OPPOSITE = "force and position have opposite signs; one of them is positive in rebound"
 SI = {"m", "N", "A", "V", "m/s", "m/s2", "degC"}
@@ -270,6 +281,7 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
     if not good:
         named = (r for r in ratings if r.excluded and read_meaning(r.candidate.names).quantity == r.signal)
         reason = "nothing is named like it or has its unit, and moves like it"
+        reason += f"; {PASSIVE}" if signal == "current" else ""
         if excluded := next(named, None):
             reason = f"'{excluded.candidate.label}' is named like it, but {excluded.excluded}"
         return NotFound(signal, reason, others or tuple(ratings))

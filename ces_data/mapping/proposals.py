@@ -39,7 +39,8 @@ MAPPING_HEAD = """\
 """
 AMPERES = re.compile(r"(?<![0-9.])([0-9]+(?:\.[0-9]+)?) ?A(?![A-Za-z0-9])")
 NAME_PATTERN = '"([0-9]+(?:[.][0-9]+)?) ?A(?![A-Za-z0-9])"'
-NO_TIME = "no column is named like a time and goes forward; give --rate HZ"
+GIVE_RATE = "; give --rate HZ"
+NO_TIME = f"no column is named like a time and goes forward{GIVE_RATE}"
 REQUIRED = ("position", "current", "force")
 TAKEN = (*REQUIRED, "speed")
 
@@ -160,7 +161,10 @@ def propose_for(
 ) -> MappingProposal:
     """Return the same for an open log."""
     candidates = find_log_candidates(log, rate)
-    selection = choose(candidates.candidates, integrates=True)
+    unread, selection = candidates.unread, choose(candidates.candidates, integrates=True)
+    selection = selection.with_reasons(
+        {signal: unread[key] for signal in REQUIRED for key in (ANY, signal) if key in unread}
+    )
     if damper and damper not in selection.names:
         names = ", ".join(selection.names) or "one damper only"
         raise RecordingError(f"{log.path}: no damper '{damper}'; found: {names}")
@@ -169,8 +173,8 @@ def propose_for(
     source = f"the mapping proposed for {log.path}"
     mapping = None if writer.missing else parse_mapping_without_force(yaml.safe_load(text), source)
     # a mapping may resolve the form of a time; what may be any signal is the fault of each
-    unread = [(s, why) for key, why in candidates.unread.items() for s in (REQUIRED if key == ANY else (key,))]
-    faults = frozenset(f"{signal}: {why}" for signal, why in unread if signal != "time")
+    causes = [(s, why) for key, why in unread.items() for s in (REQUIRED if key == ANY else (key,))]
+    faults = frozenset(f"{s}: {why}" for s, why in causes if s != "time" or why.endswith("expected a number"))
     doubts = (*writer.missing, *writer.doubts)
     return MappingProposal(selection, text, mapping, log, doubts, writer.remarks, tuple(writer.summary()), faults)
 
@@ -206,18 +210,16 @@ class _MappingWriter:
         damper_choice = selection.dampers[damper or (names[0] if names else "")]
         self.choices = {**selection.dampers[""].choices, **damper_choice.choices}
         self.amperes = AMPERES.search(log.path.name) if "current" not in self.choices else None
-        any_fault = candidates.unread.get(ANY)  # of a column that is named like the signal, or that may be any
-        self.absent = [
-            replace(missing, reason=candidates.unread.get(signal, any_fault or missing.reason))
-            for signal, missing in damper_choice.missing.items()
-        ]
+        self.absent = list(damper_choice.missing.values())
         optional = {*({"current"} if self.amperes else ()), *({"force"} - set(need))}
         unknown = [missing for missing in self.absent if missing.signal not in optional]
         self.missing = [f"{missing.signal}: {missing.reason}" for missing in unknown]
         if not candidates.time_text:
             self.missing.append(f"time: {candidates.unread.get('time', NO_TIME)}")
         self.doubts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
-        self.remarks = tuple(f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses)
+        guesses = [f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses]
+        unread = [m for m in self.absent if m.signal in optional and m.signal in candidates.unread]
+        self.remarks = (*guesses, *(f"{m.signal}: {m.reason}; it is not read" for m in unread))
         if candidates.time_doubt:
             self.doubts.append(candidates.time_doubt)
         if names and not damper:
@@ -335,7 +337,7 @@ def _explain(choice: Choice, indent: str = "") -> Iterator[str]:
     """Yield the comment lines above a choice: reasons, range, checks, and what was not chosen."""
     c = choice.candidate
     yield from _comment(f"{choice.signal}: {'; '.join(choice.reasons)}.", indent)
-    yield from _comment(f"range {c.low:.4g} to {c.high:.4g} as logged, {c.rate_Hz:.4g} Hz", indent)
+    yield from _comment(f"range {c.range_text}, as logged", indent)
     for check in choice.to_check:
         yield from _comment(f"{CHECK}: {check}", indent)
     yield from _list_others("not chosen", choice.others, indent)

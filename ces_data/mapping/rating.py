@@ -26,7 +26,7 @@ class Candidate:
 
     `label` names it for people. `names` are the texts whose words say what it is, the most specific first: the field's
     and the topic's, or the column's alone. `kind` is the message type, empty in a log. `unit` is the stated one, and
-    `stated` says where.
+    `stated` says where. One that is not `timed` has the number of its row [ms] for a stamp.
     """
 
     label: str
@@ -38,6 +38,7 @@ class Candidate:
     field: str = ""
     unit: Unit | None = None
     stated: str = ""
+    timed: bool = True
 
     @cached_property
     def finite(self) -> Values:
@@ -90,6 +91,11 @@ class Candidate:
         spread = float(self.finite.std())
         return bool(len(steps) > 0 and spread > 0.0 and np.sqrt(np.mean(steps**2)) > RatingLimits.ROUGH * spread)
 
+    @property
+    def range_text(self) -> str:
+        """Range and rate for people; a table without a time has no rate."""
+        return f"{self.low:.4g} to {self.high:.4g}" + (f", {self.rate_Hz:.4g} Hz" if self.timed else "")
+
     @cached_property
     def rate_Hz(self) -> float:
         """Mean rate between pauses; 0 if the span of the stamps is empty."""
@@ -104,7 +110,8 @@ STRONG = {
     "temperature": "temperature temp temperatur",
     "speed": "velocity speed vel geschwindigkeit",
     "acceleration": "acceleration acc accel beschleunigung",
-    "time": "time timestamp stamp zeit seconds t",
+    "time": "time timestamp stamp zeit seconds t tout millis millisec msec micros microsec usec tiempo tijd zaman czas "
+    "tempo laptime systime uptime 时间 時間 시간 время",
 }
 WEAK = {
     "position": "pos disp x dx xd d s z pot piston",
@@ -113,7 +120,7 @@ WEAK = {
     "temperature": "oil thermocouple",
     "speed": "v vz dv dx_dt xdot",
     "acceleration": "a az",
-    "time": "sec s ts clock elapsed abtast",
+    "time": "sec s ts clock elapsed abtast temps tid epoch tick ticks interval utc",
 }
 
 
@@ -136,7 +143,7 @@ OUTWARD = _words("extension elongation rebound zug ausfederung extended")
 SIDES = _words(
     "front rear left right fl fr rl rr lf rf lr f r l fore aft vorne vorn hinten links rechts vl vr hl hr a b"
 )
-WORD = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
+WORD = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+|[^\W\d_a-zA-ZÄÖÜäöü]+")
 
 
 @dataclass(frozen=True)

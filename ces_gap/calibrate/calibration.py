@@ -31,6 +31,7 @@ from ces_gap.limits import ParameterLimits, SearchLimits
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, gap_N, noise_floor_N
 from ces_identify.simulations.simulation import Simulation
+from ces_report.table import PrintedResult
 
 RUNS = 50  # for each parameter and one more, measured: about as often a fit with the choice runs the simulation
 DECLARED = (
@@ -90,8 +91,8 @@ class Alternative:
         return None if self.effect and self.freed else self.effect or self.freed
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(PrintedResult):
     """What a fit of parameters found; gaps [N] are on held-out recordings, with the noise subtracted.
 
     `simulation` has the fitted values; `moves_with` are groups of parameters whose changes look alike.

@@ -34,8 +34,8 @@ from ces_observer.fields import Field, Schema
 from ces_observer.json_text import parse_json, read_bounded
 from ces_observer.records import Of, Record, document_schema, read_document, record_of
 from ces_report.shell import PageHead, page_template, replace_unencodable
-from ces_report.table import Column, Table
-from ces_report.typesetting import format_number, format_range, join_names, join_with
+from ces_report.table import Column, Table, summarize_result
+from ces_report.typesetting import format_number, format_within, join_names, join_with
 
 SCHEMA = "ces-calibrated/1"
 FILE, REPORT = "calibrated.json", "report.html"
@@ -69,8 +69,8 @@ def describe_values(changed: Sequence[FittedParameter]) -> str:
 
 
 def _value_of(p: FittedParameter) -> str:
-    value, default = f"{format_number(p.value)}", f"not {format_number(p.default)}"
-    return f"{value}, {default}" if p.ci95[0] == p.ci95[1] else f"{value}, {default} ({format_range(*p.ci95)})"
+    value, interval = format_within(p.value, *p.ci95)
+    return f"{value}, not {format_number(p.default)}" + (f" ({interval})" if p.ci95[0] < p.ci95[1] else "")
 
 
 def _describe_missing(c: Calibration, changed: Sequence[FittedParameter]) -> str:
@@ -127,11 +127,20 @@ def _remark(p: FittedParameter) -> str:
     return "far from its default" if p.is_doubtful else "" if p.matters else "no change needed"
 
 
+def _fitted(p: FittedParameter) -> tuple[str, str]:
+    """Return the value of a parameter and its interval, both empty if it is not determined."""
+    return format_within(p.value, *p.ci95) if p.determined else ("", "")
+
+
 COLUMNS: tuple[Column[FittedParameter], ...] = (
     Column("Parameter", lambda p: f"{p.name} [{p.unit}]" if p.unit else p.name),
     Column("Default", lambda p: format_number(p.default), figure=True),
-    Column("Fitted", lambda p: format_number(p.value) if p.determined else "", figure=True),
-    Column("95\N{NO-BREAK SPACE}% interval", lambda p: format_range(*p.ci95) if p.determined else "", figure=True),
+    Column("Fitted", lambda p: _fitted(p)[0], figure=True),
+    Column(
+        "95\N{NO-BREAK SPACE}% interval",
+        lambda p: _fitted(p)[1],
+        figure=True,
+    ),
     Column("Remark", _remark),
 )
 
@@ -139,6 +148,11 @@ COLUMNS: tuple[Column[FittedParameter], ...] = (
 def parameter_table(c: Calibration) -> Table[FittedParameter]:
     """Return the parameters, those that matter first."""
     return Table(COLUMNS, sorted(c.parameters, key=lambda p: not p.matters), "parameters of the simulation")
+
+
+@summarize_result.register
+def _(calibration: Calibration) -> tuple[Sequence[str], Table[FittedParameter]]:
+    return [describe(calibration), *calibration.notes], parameter_table(calibration)
 
 
 def calibration_page(c: Calibration, head: PageHead) -> str:

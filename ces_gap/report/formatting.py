@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ces_gap.diagnosis import Estimate, GapRegion, Interval
-from ces_report.typesetting import format_number, format_range, join_with, minus
+from ces_report.typesetting import format_number, format_range, format_within, join_with, minus
 
 AXES = {
     "stroke_m": ("stroke", "mm", 1e3),
@@ -89,13 +89,15 @@ def parameter_text(estimate: Estimate) -> tuple[str, str, str, str]:
     display_unit, factor, at_least, below = DISPLAY_UNITS.get(unit, (unit, scale, 0.0, math.inf))
     if at_least <= max(abs(v) for v in (estimate.value, *estimate.ci95)) < below:
         unit, scale = display_unit, factor
-    value, interval = format_number(scale * estimate.value), format_range(*(scale * v for v in estimate.ci95))
+    low, high = (scale * end for end in estimate.ci95)
+    value, interval = format_within(scale * estimate.value, low, high)
     return effect_name(estimate.name.removesuffix(suffix)), value, unit, interval
 
 
 def parameter_as_declared(estimate: Estimate) -> tuple[str, str, str, str]:
     """Return the same of a user's parameter, whose name need not end with its unit: name and numbers as they are."""
-    return estimate.name, format_number(estimate.value), "", format_range(*estimate.ci95)
+    value, interval = format_within(estimate.value, *estimate.ci95)
+    return estimate.name, value, "", interval
 
 
 def newtons(value: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +34,7 @@ from ces_gap.report.formatting import effect_name, join_effect_names, percent, p
 from ces_gap.report.gap_json import to_plain_json
 from ces_gap.report.sentences import describe_correction
 from ces_gap.report.tables import (
+    CauseRow,
     calibration_table,
     cause_table,
     composition_table,
@@ -42,7 +44,8 @@ from ces_gap.report.tables import (
     region_table,
 )
 from ces_report.shell import PageHead, page_template, replace_unencodable
-from ces_report.typesetting import format_range, three_figures
+from ces_report.table import Table, summarize_result
+from ces_report.typesetting import format_within, three_figures
 
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
 STEP_ROOM = 1.04  # of the longest bar or interval
@@ -111,6 +114,14 @@ def report_page(diagnosis: Diagnosis, head: PageHead | None = None) -> str:
         probed=probe_table(d),
     )
     return replace_unencodable(page)
+
+
+@summarize_result.register
+def _(diagnosis: Diagnosis) -> tuple[Sequence[str], Table[CauseRow]]:
+    gap = diagnosis.gap
+    rms, interval = format_within(gap.rms_N, *gap.ci95_N)
+    size = f"Gap {rms} N RMS ({interval}) on held-out recordings, J {three_figures(gap.cost_J)} %."
+    return [f"{diagnosis.sentence}", size, f"Next: {_next_step(diagnosis)}"], cause_table(diagnosis)
 
 
 def build_gap_steps(d: Diagnosis) -> GapSteps:
@@ -278,8 +289,9 @@ def _bar(scale: float, css: str, label: str, remark: str, value: float, ci95: In
     def percent_of_scale(value: float) -> float:
         return min(100.0 * value / scale, 100.0) if math.isfinite(value) else 0.0
 
-    css, interval, whisker = f"{css} cut" if value > scale else css, "", None
+    css, shown, interval, whisker = f"{css} cut" if value > scale else css, three_figures(value), "", None
     if ci95 is not None and all(map(math.isfinite, ci95)):
         low, high = map(percent_of_scale, ci95)
-        interval, whisker = format_range(*ci95), (low, high - low)
-    return Bar(css, label, remark, three_figures(value), interval, percent_of_scale(value), whisker)
+        whisker = low, high - low
+        shown, interval = format_within(value, *ci95)
+    return Bar(css, label, remark, shown, interval, percent_of_scale(value), whisker)

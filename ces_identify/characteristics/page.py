@@ -1,8 +1,4 @@
-"""The results as files: the page with charts and tables, measured beside simulated, and a CSV file for each table.
-
-`columns.csv` gives unit and meaning of every column. The charts follow: levels of current and sources have colours of
-their own, and loops are shown for a few test points, each an amplitude and frequency run at several currents.
-"""
+"""The results as files: the page with charts and tables, measured beside simulated, and a CSV file for each table."""
 
 from __future__ import annotations
 
@@ -35,9 +31,20 @@ from ces_identify.limits import DynoLimits
 from ces_observer.json_text import write_atomically
 from ces_report.drawing import span_of
 from ces_report.figure import CURVES, PlotMark
-from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, curve_css, draw_plot, series_css, share_points
+from ces_report.plot import (
+    Plot,
+    PlotArea,
+    PlotBand,
+    PlotDots,
+    PlotLine,
+    PlotScale,
+    curve_css,
+    draw_plot,
+    series_css,
+    share_points,
+)
 from ces_report.shell import PageHead, page_template, replace_unencodable
-from ces_report.table import Column, Table, as_csv, columns_of, row_fields, rows_as_csv
+from ces_report.table import Column, Table, as_csv, columns_of, row_fields, rows_as_csv, summarize_result
 from ces_report.typesetting import format_decimal, join_names
 
 PAGE, COLUMNS = "characteristics.html", "columns.csv"
@@ -78,7 +85,8 @@ def format_page(results: Characteristics, head: PageHead) -> str:
     loops = [loop_charts(results, palette, n, point) for n, point in enumerate(choose_test_points(results))]
     responses, motions = list(response_charts(results)), list(motion_charts(results))
     peaks = [peak_chart(results, palette), work_chart(results, palette)] if results.peak_velocity else []
-    plots = [*peaks, *(plot for pair in loops for plot in pair), *responses, *motions]
+    family = [family_chart(results)] if results.speed_bins else []
+    plots = [*family, *peaks, *(plot for pair in loops for plot in pair), *responses, *motions]
     limit = share_points(sum(len(area.marks) for plot in plots for area in plot.areas))
 
     def draw(some: Sequence[Plot]) -> list[tuple[Markup, str]]:
@@ -92,6 +100,7 @@ def format_page(results: Characteristics, head: PageHead) -> str:
         results=results,
         simulations=results.sources[1:],
         tolerance=format_decimal(results.current_tolerance_A),
+        family=draw(family),
         peaks=draw(peaks),
         loops=[draw(pair) for pair in loops],
         responses=draw(responses),
@@ -100,6 +109,14 @@ def format_page(results: Characteristics, head: PageHead) -> str:
         **{make.__name__: make(results) for make in short_tables},
     )
     return replace_unencodable(page)
+
+
+@summarize_result.register
+def _(results: Characteristics) -> tuple[Sequence[str], Table[Any]]:
+    used, total = (sum(getattr(r, name) for r in results.recordings) for name in ("cycles_used", "cycles"))
+    about = f"{join_names([r.name for r in results.recordings])}: {used} of {total} cycles repeat at a constant current"
+    reasons = [f"{row.subject}: {row.reason}" for row in results.omissions if row.recording == "all"]
+    return [about, *reasons], choose_rows(peak_table(results))
 
 
 def peak_table(results: Characteristics) -> Table[PeakForce]:
@@ -216,6 +233,14 @@ class Palette:
         name = f"{current:.3g} A"
         return (name, curve) if source == MEASURED else (f"{name}, {source}", f"{curve} beyond")
 
+    @property
+    def scale(self) -> PlotScale | None:
+        """The colours from the lowest to the highest current; None where colours show sources."""
+        if len(self.sources) >= MANY_SOURCES or not self.currents:
+            return None
+        styles = [self.style(MEASURED, current)[1] for current in self.currents]
+        return PlotScale(list(dict.fromkeys(styles)), f"Current {self.currents[0]:.3g}", f"{self.currents[-1]:.3g} A")
+
 
 def choose_test_points(results: Characteristics) -> list[CycleWork]:
     """Return a row of each point whose loops are shown: slowest, middle, fastest of those run at the most currents."""
@@ -242,6 +267,25 @@ def _sine_speed(row: ConditionRow) -> float:
     return 2.0 * np.pi * row.amplitude_m * row.frequency_Hz
 
 
+def family_chart(results: Characteristics) -> Plot:
+    """Return the force over speed at each current: points measured in any motion, and a curve for each simulation."""
+    groups = dict.fromkeys((row.current_from_A, row.current_to_A) for row in results.speed_bins)
+    palette = Palette(results.sources, tuple(0.5 * (low + high) for low, high in groups))
+    marks: list[PlotMark] = []
+    for source in results.sources:
+        for current, group in zip(palette.currents, groups, strict=True):
+            bins = [r for r in results.speed_bins if r.source == source and (r.current_from_A, r.current_to_A) == group]
+            x = 0.5 * (_values(bins, "speed_from_m_s") + _values(bins, "speed_to_m_s"))
+            (name, css), y = palette.style(source, current), _values(bins, "median_N")
+            if source == MEASURED:
+                marks.append(PlotDots(name, x, y, f"{css} spot", source))
+            if source != MEASURED or len(results.sources) == 1:
+                marks.append(PlotLine(name, x, y, css.replace(" beyond", ""), group=source))
+    title, areas = "Force over speed at each current", [PlotArea(FORCE, marks, height=360, y_ticks=8)]
+    text = "Medians of the force in bins of speed: measured (dots), and of each simulation there (lines)."
+    return Plot("family", title, text, SPEED, areas, width=900.0, free=True, scale=palette.scale)
+
+
 def peak_chart(results: Characteristics, palette: Palette) -> Plot:
     """Return the peak velocity pick-up: one curve for each current and source."""
     marks: list[PlotMark] = []
@@ -250,12 +294,12 @@ def peak_chart(results: Characteristics, palette: Palette) -> Plot:
         for direction in DIRECTIONS:
             side = sorted((r for r in rows if r.direction == direction), key=lambda r: abs(r.speed_m_s))
             x, y = _values(side, "speed_m_s"), _values(side, "force_N")
-            marks.append(PlotLine(name, x, y, css))
+            marks.append(PlotLine(name, x, y, css, group=source))
             if source == MEASURED:
-                marks.append(PlotDots(name, x, y, f"{css} spot"))
+                marks.append(PlotDots(name, x, y, f"{css} spot", source))
     title, areas = "Force at the peak speed of each cycle", [PlotArea(FORCE, marks, height=330, y_ticks=8)]
     text = "Mean force at the peak speed of compression (right) and rebound (left), a curve for each current."
-    return Plot("peak-velocity", title, text, "Peak speed [m/s]", areas, width=900.0, free=True)
+    return Plot("peak-velocity", title, text, "Peak speed [m/s]", areas, width=900.0, free=True, scale=palette.scale)
 
 
 def loop_charts(results: Characteristics, palette: Palette, number: int, point: ConditionRow) -> tuple[Plot, Plot]:
@@ -271,10 +315,11 @@ def loop_charts(results: Characteristics, palette: Palette, number: int, point: 
         marks = []
         for rows in shown:
             name, css = palette.style(rows[0].source, rows[0].current_A)
-            marks.append(PlotLine(name, scale * _values(rows, x), _values(rows, "force_N"), css))
+            marks.append(PlotLine(name, scale * _values(rows, x), _values(rows, "force_N"), css, group=rows[0].source))
         text = f"{title} of the mean cycle of {what}, a loop for each current."
         areas = [PlotArea(FORCE, marks, height=280, y_ticks=7)]
-        return Plot(f"{kind}-{number}", f"{title}, {what}", text, x_label, areas, width=550.0, free=True)
+        ident = f"{kind}-{number}"
+        return Plot(ident, f"{title}, {what}", text, x_label, areas, width=550.0, free=True, scale=palette.scale)
 
     stroke = plot("stroke", "Force over stroke", "Position [mm]", "position_m", 1e3)
     return stroke, plot("speed", "Force over speed", SPEED, "speed_m_s", 1.0)
@@ -293,11 +338,12 @@ def work_chart(results: Characteristics, palette: Palette) -> Plot:
                 strokes.append([row])
         for stroke in (sorted(rows, key=_sine_speed) for rows in strokes):
             x, y = np.array([_sine_speed(row) for row in stroke]), _values(stroke, "work_J")
-            marks.append(PlotLine(name, x, y, css))
-            marks.append(PlotDots(name, x, y, f"{css} {'spot' if source == MEASURED else 'dots'}"))
+            marks.append(PlotLine(name, x, y, css, group=source))
+            marks.append(PlotDots(name, x, y, f"{css} {'spot' if source == MEASURED else 'dots'}", source))
     text = "Energy dissipated in a cycle over 2π times amplitude times frequency; lines connect equal amplitudes."
     areas = [PlotArea("Work per cycle [J]", marks, height=230)]
-    return Plot("work-chart", "Work per cycle", text, "2π · amplitude · frequency [m/s]", areas, width=900.0, free=True)
+    x_label = "2π · amplitude · frequency [m/s]"
+    return Plot("work-chart", "Work per cycle", text, x_label, areas, width=900.0, free=True, scale=palette.scale)
 
 
 def response_charts(results: Characteristics) -> Iterator[Plot]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ces_identify.characteristics.cycles import REASONS, Cycles
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion
-from ces_report.table import column, whole, words
+from ces_report.table import PrintedResult, column, whole, words
 
 ALL = "all"
 NO_CYCLES = (
@@ -237,8 +237,8 @@ class RecordingFacts:
     cycles_used: int = whole("cycles that repeat at a constant current", "Cycles used")
 
 
-@dataclass(frozen=True)
-class Characteristics:
+@dataclass(frozen=True, repr=False)
+class Characteristics(PrintedResult):
     """The tables; `sources` are "measured" and the simulations, in the order of the rows."""
 
     sources: tuple[str, ...]
@@ -253,14 +253,6 @@ class Characteristics:
     steps: tuple[StepResponse, ...]
     speed_bins: tuple[SpeedBin, ...]
     omissions: tuple[Omission, ...]
-
-    def __repr__(self) -> str:
-        names = ", ".join(recording.name for recording in self.recordings)
-        used, total = (sum(getattr(r, name) for r in self.recordings) for name in ("cycles_used", "cycles"))
-        counts = ", ".join(f"{len(getattr(self, table))} {table}" for table in TABLES)
-        return (
-            f"<characteristics of {names} ({', '.join(self.sources)}): {used} of {total} cycles used; rows: {counts}>"
-        )
 
 
 TABLES: dict[str, type[Any]] = {

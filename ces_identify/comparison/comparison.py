@@ -33,7 +33,7 @@ from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
 from ces_report.plot import series_css
-from ces_report.table import Column, Table
+from ces_report.table import Column, PrintedResult, Table, summarize_result
 from ces_report.typesetting import join_with, minus
 
 MAX_NAMES = 3  # of other models in a sentence
@@ -91,8 +91,8 @@ class ModelResult:
         return NONE if self.force_bound_N is None else f"{self.force_bound_N / 1000:.4g}"
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(PrintedResult):
     """Models on the same recordings. `pairs` holds every two models once."""
 
     models: tuple[ModelResult, ...]
@@ -128,12 +128,6 @@ class Comparison:
     def best(self) -> int:
         """The model of the lowest pooled cost."""
         return self.by_cost[0]
-
-    def __repr__(self) -> str:
-        return f"{headline(self)}\n{model_table(self)}"
-
-    def _repr_html_(self) -> str:
-        return str(Markup("<p>{}</p>{}").format(headline(self), model_table(self).to_html()))
 
     def pair(self, first: int, second: int) -> PairResult:
         """Return the comparison of two models, whichever comes first."""
@@ -365,7 +359,7 @@ def model_table(comparison: Comparison) -> Table[int]:
         Column("Delay [ms]", lambda i: models[i].facts[2], figure=True, short="delay ms"),
         Column(
             "J over all tests [%]" if tests else "J over all, no test [%]",
-            lambda i: percent(models[i].pooled),
+            lambda i: percent(models[i].pooled, models[i].pooled_interval),
             figure=True,
             short="J %",
             small=lambda i: interval_text(models[i].pooled_interval),
@@ -376,6 +370,13 @@ def model_table(comparison: Comparison) -> Table[int]:
     ]
     title = f"cost J over {join_with(tests)}" if tests else "cost J over all (not a test)"
     return Table(columns, comparison.by_cost, title)
+
+
+@summarize_result.register
+def _(comparison: Comparison) -> tuple[Sequence[str], Table[int]]:
+    return [headline(comparison), *(f"{note[0].upper()}{note[1:]}." for note in comparison.notes())], model_table(
+        comparison
+    )
 
 
 def swatch(comparison: Comparison, i: int) -> Markup:

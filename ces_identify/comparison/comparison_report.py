@@ -55,7 +55,7 @@ def recording_table(comparison: Comparison) -> Table[tuple[int, int]]:
         Column("Recording", name, short="recording"),
         Column("Model", lambda row: models[row[1]].name, short="model"),
         Column("Use", of_cost(lambda cost: cost.use), short="use"),
-        Column("J [%]", of_cost(lambda cost: percent(cost.cost)), figure=True, short="J %"),
+        Column("J [%]", of_cost(lambda cost: percent(cost.cost, cost.interval)), figure=True, short="J %"),
         Column("95 % interval [%]", of_cost(lambda cost: interval_text(cost.interval)), figure=True, short="95 %"),
         Column(
             "RMS error [N]",

@@ -28,7 +28,6 @@ from ces_identify.report.steady import steady_section
 from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
-from ces_identify.structures.hydraulic import DAMPER
 from ces_identify.structures.polynomial import COSTS_BY_TERMS, size_sections
 from ces_identify.validation.cost_table import cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
@@ -45,14 +44,15 @@ from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
 from ces_report.plot import draw_section, share_points
 from ces_report.shell import PageHead, format_key, page_template, replace_unencodable
-from ces_report.table import text_table
+from ces_report.table import Table, text_table
 from ces_report.typesetting import join_names, minus, three_figures
 
 ROLES = (VALIDATION, IDENTIFICATION)
 MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 COSTS = "cost_J_percent"  # key in the provenance; the first table shows them
-MARKS = "marks"  # key of the hashes in the provenance by which copies and parts of recordings are recognised
+LISTED = (COSTS, IDENTIFICATION, VALIDATION, "usage")  # keys of the provenance; tables show them
+HASH_DIGITS = 16
 SHOWN_ABOVE = (COSTS_BY_TERMS, ERRORS, UNDETERMINED, "structure", "structures", REASON)  # of the selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 NO_CERTIFICATE = (
@@ -88,7 +88,11 @@ def write_report(
         answers=summarize_model(model, ordered, _format_headline(ordered, held_out, model), head.command),
         picture=_draw_first(ordered),
         warnings=_format_warnings(ordered),
-        facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **(facts or {})},
+        facts={
+            "Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz",
+            "Identified by": str(model.provenance.get("tool", "")) or "not known",
+            **(facts or {}),
+        },
         model=model,
         costs=cost_table(
             ordered,
@@ -100,6 +104,7 @@ def write_report(
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
         pooled=pool_evaluations(held_out) if all(math.isfinite(e.cost) for e in held_out) else None,
         interval=interval_text,
+        percent=percent,
         bad=lambda e: "" if math.isfinite(e.cost) else "bad",
         structures=text_table(
             ("Structure", "J on data left out [%]"), [(name, three_figures(cost)) for name, cost in structures.items()]
@@ -108,6 +113,7 @@ def write_report(
         **_draw_model(model, ordered, drawn, points),
         drawn=drawn,
         most_dots=MAX_DOTS,
+        sources=_list_sources(model),
         settings=_settings(model),
         history=_history(model),
     )
@@ -125,12 +131,11 @@ def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int
     """Return the recordings, the model's table with its charts, and the maps."""
     held_out = [e for e in ordered if e.role == VALIDATION]
     section = model_section(model, held_out or ordered, VALIDATION if held_out else IDENTIFICATION)
-    family = [steady_section(model, ordered)] if ordered and section.ident != DAMPER else []
-    first, own = ([section], []) if section.ident == DAMPER else (family, [section, *size_sections(model)])
+    first = [steady_section(model, ordered)] if ordered else []
     return {
         "recordings": [_draw_recording(i, ordered[i], model, points) for i in drawn],
         "first_sections": [(one, draw_section(one)) for one in first],
-        "model_sections": [(one, draw_section(one)) for one in own],
+        "model_sections": [(one, draw_section(one)) for one in (section, *size_sections(model))],
         "maps": _draw_maps(ordered, model),
     }
 
@@ -182,7 +187,7 @@ def _draw_recording(number: int, evaluation: Evaluation, model: Model, max_point
     return {
         "number": number,
         "evaluation": evaluation,
-        "cost": percent(evaluation.cost),
+        "cost": percent(evaluation.cost, evaluation.interval),
         "correlations": correlation_figure(f"rc{number}", tests, evaluation.name) if tests else None,
         "verdicts": verdicts(tests) if tests else (),
         "window": window,
@@ -224,18 +229,23 @@ def _settings(model: Model) -> dict[str, Any]:
     }
 
 
+def _list_sources(model: Model) -> Table[Sequence[str]]:
+    """Return the recordings in a model's provenance: what they were used for, their day and the hash of their bytes."""
+
+    def row(role: str, one: Mapping[str, Any]) -> tuple[str, ...]:
+        first, last = one.get("share") or (0.0, 1.0)
+        part = "" if last - first >= 1.0 else f", {100.0 * first:.0f} to {100.0 * last:.0f} %"
+        return str(one["recording"]), f"{role}{part}", str(one.get("day", "")), str(one.get("sha256", ""))[:HASH_DIGITS]
+
+    rows = [row(role, one) for role in (IDENTIFICATION, VALIDATION) for one in model.provenance.get(role, ())]
+    return text_table(("Recording", "Used for", "Recorded", "sha256"), rows, left=4)
+
+
 def _history(model: Model) -> dict[str, Any]:
     """Return the longer entries of the provenance, without those shown in sections of their own."""
-    longer = {key: _without_marks(v) for key, v in model.provenance.items() if key != COSTS and not _fits_on_line(v)}
+    longer = {key: v for key, v in model.provenance.items() if key not in LISTED and not _fits_on_line(v)}
     shown = {key: value for key, value in longer.pop("selection", {}).items() if key not in SHOWN_ABOVE}
     return longer | ({"selection": shown} if shown else {})
-
-
-def _without_marks(entry: Any) -> Any:
-    """Return an entry of the provenance without the marks of its recordings, which say nothing to a reader."""
-    if isinstance(entry, Mapping):
-        return {key: _without_marks(value) for key, value in entry.items() if key != MARKS}
-    return [_without_marks(value) for value in entry] if isinstance(entry, list | tuple) else entry
 
 
 def _fits_on_line(item: object) -> bool:

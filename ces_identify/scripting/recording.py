@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from ces_data import recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.frames import read_frame, to_frame
-from ces_data.log_formats import is_foreign
-from ces_data.reading import SIGNALS, PathInput, as_path, kind_of, read_log, read_recording
+from ces_data.log_formats import is_log
+from ces_data.logs.frame import TIMES
+from ces_data.reading import SIGNALS, PathInput, as_path, check_table, kind_of, read_log, read_recording
 from ces_data.recording import Channel
 from ces_data.samples import channel_stats
 from ces_data.signals_file import load_signals
@@ -24,6 +25,7 @@ from ces_report.table import Column, Table
 from ces_report.typesetting import format_range
 
 MAX_RATE_HZ = 1e6  # [Hz] a stamp is a whole number of ns
+MAX_TIME_S = 8e9  # [s] beyond it, a stamp would not fit 64 bits
 EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
 
 
@@ -46,7 +48,7 @@ class Recording(recording.Recording):
 
         A measured force may be missing. Warns of what looks wrong; raises CesError for what cannot be used.
         """
-        if mapping is not None or is_foreign(as_path(path, "recording")):
+        if mapping is not None or is_log(as_path(path, "recording")):
             return cls.of(read_log(path, mapping=mapping, need=SIGNALS[:2]))
         return cls.of(read_recording(path, signals=signals, need=SIGNALS[:2]))
 
@@ -57,7 +59,7 @@ class Recording(recording.Recording):
         Time (column or index), position, current and force are found by name, unit and numbers, as `ces import` does,
         or named: `columns={"position": {"column": "x", "unit": "mm"}, "current": 0.5}`. Raises CesError.
         """
-        return cls.of(read_frame(table, columns=columns, need=SIGNALS[:2], name=name))
+        return cls.of(check_table(read_frame(table, columns=columns, need=SIGNALS[:2], name=name)))
 
     @classmethod
     def from_arrays(
@@ -69,22 +71,24 @@ class Recording(recording.Recording):
         *,
         name: str = "",
     ) -> Self:
-        """Return a recording of arrays of shape (n,), of which all but the time may be one number."""
-        time = _as_numbers("time_s", time_s)
-        if not np.isfinite(time).all():
-            row = int(np.argmin(np.isfinite(time)))
-            raise RecordingError(f"time_s: is {time[row]} in row {row}; expected seconds")
-        if (np.diff(time) < 0.0).any():
-            row = int(np.argmax(np.diff(time) < 0.0)) + 1
-            raise RecordingError(f"time_s: runs backwards in row {row}, from {time[row - 1]:g} s to {time[row]:g} s")
-        stamps = EPOCH_NS + np.rint(time * 1e9).astype(np.int64)
+        """Return a recording of arrays of shape (n,) in SI units, of which all but the time may be one number.
+
+        Times are seconds, dates or durations. Raises CesError.
+        """
+        stamps = _as_stamps(time_s)
+        if (np.diff(stamps) < 0).any():
+            row = int(np.argmax(np.diff(stamps) < 0)) + 1
+            before, after = 1e-9 * (stamps[row - 1 : row + 1] - stamps[0])
+            raise RecordingError(
+                f"time_s: runs backwards in row {row}, from {before:g} s to {after:g} s after its start"
+            )
         given = {"position": ("m", position_m), "current": ("A", current_A), "force": ("N", force_N)}
         channels = {
             signal: Channel(signal, unit, stamps, _as_numbers(signal, values, len(stamps)))
             for signal, (unit, values) in given.items()
             if values is not None
         }
-        return cls(name or "recording", channels)
+        return cls.of(check_table(cls(name or "recording", channels)))
 
     def __len__(self) -> int:
         return len(self.channels["position"]) if "position" in self.channels else 0
@@ -111,10 +115,12 @@ class Recording(recording.Recording):
         write_bag(as_path(path, "path"), recording_topics(self, load_signals()), overwrite=overwrite)
 
     def __repr__(self) -> str:
-        return f"{self._describe()}\n{self._table()}"
+        taken = f"\n{self.taken}" if self.taken else ""
+        return f"{self._describe()}{taken}\n{self._table()}"
 
     def _repr_html_(self) -> str:
-        return str(Markup("<p>{}</p>{}").format(self._describe(), self._table().to_html()))
+        taken = Markup("<br>{}").format(self.taken) if self.taken else ""
+        return str(Markup("<p>{}{}</p>{}").format(self._describe(), taken, self._table().to_html()))
 
     def _describe(self) -> str:
         constants = "".join(f", {name} {value:g}" for name, value in self.constants.items())
@@ -133,6 +139,23 @@ class Recording(recording.Recording):
             Column("Range", limits, figure=True),
         ]
         return Table(columns, list(self.channels.values()))
+
+
+def _as_stamps(time_s: ArrayLike) -> recording.Stamps:
+    """Return times [ns] (n,) of seconds, dates or durations. Raises CesError."""
+    given = np.asarray(time_s)
+    if given.dtype.kind in TIMES:
+        if np.isnat(given).any():
+            raise RecordingError(f"time_s: is missing in row {int(np.isnat(given).argmax())}; expected a time")
+        from_ns = EPOCH_NS if given.dtype.kind == "m" else 0
+        return from_ns + given.astype(f"{given.dtype.kind}8[ns]").astype(np.int64)
+    time = _as_numbers("time_s", time_s)
+    if not np.isfinite(time).all():
+        row = int(np.argmin(np.isfinite(time)))
+        raise RecordingError(f"time_s: is {time[row]} in row {row}; expected seconds")
+    if np.abs(time).max(initial=0.0) > MAX_TIME_S:
+        raise RecordingError(f"time_s: reaches {np.abs(time).max():.4g}; expected seconds (divide nanoseconds by 1e9)")
+    return EPOCH_NS + np.rint(time * 1e9).astype(np.int64)
 
 
 def _as_numbers(name: str, values: ArrayLike, count: int = 0) -> np.ndarray[Any, np.dtype[np.float64]]:

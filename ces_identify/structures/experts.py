@@ -238,6 +238,7 @@ def fit_experts(
     family = ExpertsFit(training, (*inputs, past), count, limit, DECAY)
     starts = min(options.limits.starts, STARTS, max(MEMBERS, STARTS_TICKS // len(training.measured)))
     limits = replace(options.limits, starts=starts)
+    listener("training local linear models")
     results = require_models(run_starts(limits, listener, partial(train_experts, family)), EXPERTS.option)
     members = [start.coefficients for start in results[:MEMBERS]]
     mean = np.mean([family.force(params) for params in members], axis=0)

@@ -35,13 +35,12 @@ from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.structures.hydraulic import EDGES, Hydraulic
 from ces_report.table import Section, text_table
-from ces_report.typesetting import Chart, ChartCurve, four_figures, minus
+from ces_report.typesetting import Chart, ChartCurve, format_number, format_within, minus
 
 METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pull and bypass by the selection data"
 CURVES = 5
-SEARCH_SHARE, REFIT_SHARE = 0.75, 0.06  # of a time limit, for the search, and for each refit of the band
+SEARCH_SHARE, REFIT_SHARE = 0.85, 0.06  # of a time limit, for the search, and for each refit of the band
 ERRORS_TIMES = 8.0  # that finding standard errors takes as long as finding what is undetermined (measured: 6 to 7)
-DAMPER = "damper"  # the section of a page
 BLOCK_S = 1.0
 
 
@@ -164,17 +163,17 @@ def physical_table(body: Hydraulic, model: Model, runs: Sequence[SimulatedSeries
     rows = (_row(name, value, errors.get("quantities", {}).get(name, 0.0)) for name, value in values.items())
     table = text_table(("Quantity", "Value", "Standard error", "95\N{NO-BREAK SPACE}% interval"), rows)
     charts = (_steady_chart(body, model, errors), _setting_chart(body, errors), _valve_chart(body))
-    return Section(DAMPER, "The damper", table, ABOUT if errors else NO_ERRORS, charts=charts)
+    return Section("damper", "The damper", table, ABOUT if errors else NO_ERRORS, charts=charts)
 
 
 def _row(name: str, value: float, error: float) -> tuple[str, ...]:
     if not isfinite(error) or error <= 0.0:
-        return name, four_figures(value), "–", "–"
+        return name, format_number(value, 4), "–", "–"
     low, high = value - IN_95_PERCENT * error, value + IN_95_PERCENT * error
     if not name.startswith(SIGNED):
         low = max(low, 0.0)
-    two_figures = f"{error:.2g}" if error < 99.5 else f"{float(f'{error:.2g}'):.0f}"
-    return name, four_figures(value), two_figures, f"{four_figures(low)} to {four_figures(high)}"
+    shown, ends = format_within(value, low, high)
+    return name, shown, format_number(error, 2), ends
 
 
 def _steady_chart(body: Hydraulic, model: Model, errors: Mapping[str, Any]) -> Chart:
@@ -192,7 +191,7 @@ def _steady_chart(body: Hydraulic, model: Model, errors: Mapping[str, Any]) -> C
             half = IN_95_PERCENT * np.interp(speeds, errors["speed_m_s"], errors["steady_force_N"][n])
             recorded = tuple(errors["recorded_m_s"][n])
         curves.append(ChartCurve(minus(f"{current:.3g} A"), speeds, forces[n], half, recorded))
-    return Chart("Steady force", "Speed [m/s], positive in compression", "Force [N]", tuple(curves), FORCE)
+    return Chart("Force of the valves", "Speed [m/s], positive in compression", "Force [N]", tuple(curves), FORCE)
 
 
 def _setting_chart(body: Hydraulic, errors: Mapping[str, Any]) -> Chart:

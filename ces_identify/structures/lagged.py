@@ -32,6 +32,7 @@ from ces_identify.numerics.search import (
     Listener,
     SearchResult,
     SearchStart,
+    clock_s,
     run_starts,
     spread_work,
 )
@@ -44,6 +45,7 @@ from ces_observer.proof.certificate import largest_gain
 from ces_observer.structures.lagged_signals import longest_lags
 
 REFIT_STEPS = 4  # trial steps of Levenberg-Marquardt
+LAG_SHARE = 0.15  # of the time that is left, for each fit that chooses lags
 LAG_WORK, LAG_SIZE = 0.03, 6  # of a fit that chooses lags: share of the work of a start, units or rules at most
 STROKE_WORK, STROKE_SIZE = 0.1, 20  # of a fit that shows whether the stroke counts
 
@@ -82,13 +84,15 @@ class LaggedShape(ABC):
         self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
     ) -> Fitted:
         """Return the best model; raises CesError if no start gives one. Rules and limits on terms do not apply."""
-        data = build_training(series, options.weight)
+        end_s, data = clock_s() + options.limits.time, build_training(series, options.weight)
         listener(f"choosing the inputs of the {self.option}")
-        shape = self if self.lags is not None else self._choose_lags(data, sampling.rate_Hz, options)
+        shape = self if self.lags is not None else self._choose_lags(data, sampling.rate_Hz, options, end_s)
         family = shape.family(data, sampling.rate_Hz)
         gain = largest_gain(options.forget, *longest_lags(family.columns), sampling.rate_Hz)
         listener(f"training the {self.option}")
-        results = train(family, options.limits, options.certificate, listener, min(StabilityLimits.MAX_GAIN, gain))
+        results = train(
+            family, options.limits.within(end_s), options.certificate, listener, min(StabilityLimits.MAX_GAIN, gain)
+        )
         require_models(results, self.option)
         params = results[0].coefficients
         family = next(rung for rung in family.ladder() if rung.size == len(results[0].chosen))
@@ -103,11 +107,12 @@ class LaggedShape(ABC):
         how = {"method": "Levenberg-Marquardt on the free-run error, stopped early", "parameters": len(params)}
         return Fitted(model, results, how, partial(_refit, family, params, sampling))
 
-    def _choose_lags(self, data: Training, rate_Hz: float, options: IdentifyOptions) -> Self:
+    def _choose_lags(self, data: Training, rate_Hz: float, options: IdentifyOptions, end_s: float) -> Self:
         def cost(lags: Lags | LagCounts, stroke: bool, work: float, size: int) -> float:
             smallest, *larger = self.with_inputs(lags, stroke).family(data, rate_Hz).ladder()
             family = [smallest, *(rung for rung in larger if rung.size <= size)][-1]
-            limits = replace(options.limits, starts=1, threads=1, target=0.0, work=work)
+            within = options.limits.within(end_s, LAG_SHARE)
+            limits = replace(within, starts=1, threads=1, target=0.0, work=work)
             results = train(family, limits, options.certificate)
             if any(result.ended == INTERRUPTED for result in results):
                 raise KeyboardInterrupt

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from ces_data.arrays import F, I
 from ces_identify.limits import ChoiceLimits
 from ces_identify.numerics import kernels
-from ces_identify.numerics.search import THESIS, Listener, SearchResult, clock_s
+from ces_identify.numerics.search import THESIS, TIME_IS_UP, Listener, SearchResult, clock_s
 from ces_identify.polynomial.constructed import find_time_constants, restrict_to_data
 from ces_identify.polynomial.free_run_fit import fit_free_run, refit_coefficients
 from ces_identify.polynomial.problem import Problem, assemble_problem, lay_out_terms, pieces
@@ -44,6 +44,7 @@ from ces_report.typesetting import (
     ChartCurve,
     Symbols,
     describe_signals,
+    format_number,
     minus,
     signal_symbol,
     three_figures,
@@ -58,6 +59,7 @@ REFIT_STEPS = 8
 PROOF_ROOM = 0.003  # of the gain, between the probed inputs and all
 COSTS_BY_TERMS = "J_percent_by_terms"  # key of the provenance's selection: numbers of terms, each with a cost
 MIN_SIZES = 3  # of a chart
+MORE_TIMES, LEAST_S = 4.0, 10.0  # that a search whose time ended without a model may have instead, and that [s] more
 MAX_BUILD_SHARE = 0.5  # of a time limit, to build the problem
 
 
@@ -73,7 +75,11 @@ def fit_polynomial(
     listener("finding time constants and candidates of the polynomial")
     problem = build_problem(training, options)
     listener("choosing terms of the polynomial")
-    results = [f for f in search(problem, options.limits.within(end), listener) if f.cost < 100.0]
+    starts = search(problem, options.limits.within(end), listener)
+    results = [start for start in starts if start.cost < 100.0]
+    if not results and TIME_IS_UP in {start.ended for start in starts}:
+        more = OptionName("time", round(MORE_TIMES * options.limits.time + LEAST_S))
+        raise CesError("the time ended before any model was found; give more, such as ", more)
     if not results:
         raise CesError(NO_MODEL_BY_THESIS if options.limits.method == THESIS else NO_CANDIDATE)
     by_terms = costs_by_terms(results)
@@ -224,7 +230,7 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
         if whole > 0.0:
             part, share = float(parts[t]), 100.0 * float(parts[t]) / whole
             cells = three_figures(part), BAR.format(three_figures(share), min(share, 100.0), "")
-        name, coefficient = format_term(term, model.envelope), minus(f"{term.coefficient:.5g}")
+        name, coefficient = format_term(term, model.envelope), format_number(term.coefficient, 5)
         rows.append((name, coefficient, coefficient_unit(term), *cells))
     equation = Markup("<var>F</var>(<var>k</var>) = Σ coefficient · regressor")
     symbols = describe_symbols(polynomial.terms, model.sampling.rate_Hz)

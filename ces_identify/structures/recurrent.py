@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import inf
 
 import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.limits import ChoiceLimits
-from ces_identify.numerics.search import STEPS_DONE, Listener, SearchResult, SearchStart, run_starts
+from ces_identify.numerics.search import STEPS_DONE, Listener, SearchResult, SearchStart, clock_s, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit, require_models
 from ces_identify.structures.recurrent_network import (
@@ -48,6 +49,7 @@ HOPELESS = "far from the best of other structures"
 
 MEMBERS = 3
 REFIT_STEPS, REFIT_RATE = 200, 1e-2  # of AdamW, from the model's own parameters
+REFIT_SHARE, TIMED_STEPS = 0.06, 10  # of a time limit, for each refit of the band; steps that show how long one takes
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,7 @@ def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: Identif
     training, limits = build_training(series, options.weight), options.limits
     family = build_family(training, sampling.rate_Hz)
     starts = replace(limits, starts=min(limits.starts, MEMBERS))
+    listener("training recurrent networks")
     results = require_models(run_starts(starts, listener, partial(train_member, family)), RECURRENT.option)
     mean, members = _best_mean(family, results)
     listener(mean)
@@ -139,7 +142,7 @@ def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: Identif
         "method": "AdamW on the free-run error of windows, the mean of several fits",
         "parameters": len(mean.coefficients),
     }
-    refit = partial(_refit_members, family, sampling, members)
+    refit = partial(_refit_members, family, sampling, members, REFIT_SHARE * limits.time)
     return Fitted(_build_model(family, sampling, members), [mean, *results[1:]], how, refit)
 
 
@@ -159,12 +162,22 @@ def _build_model(family: RecurrentFamily, sampling: Sampling, members: Sequence[
     return replace(model, certificate=model.certify().to_mapping())
 
 
-def _refit_members(family: RecurrentFamily, sampling: Sampling, members: Sequence[F], weights: F) -> Model:
-    """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
+def _refit_members(
+    family: RecurrentFamily, sampling: Sampling, members: Sequence[F], limit_s: float, weights: F
+) -> Model:
+    """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it.
+
+    A time limit leaves as many steps as it has room for.
+    """
     kept = weights * family.training.everything
-    refitted = []
+    steps, refitted = REFIT_STEPS, []
+    if limit_s < inf:
+        began_s = clock_s()
+        for _ in descend(family, kept, members[0], np.random.default_rng(0), TIMED_STEPS, REFIT_RATE):
+            step_s = (clock_s() - began_s) / TIMED_STEPS
+        steps = max(TIMED_STEPS, min(REFIT_STEPS, round(limit_s / (step_s * len(members)))))
     for seed, params in enumerate(members):
-        *_, last = descend(family, kept, params, np.random.default_rng(seed), REFIT_STEPS, REFIT_RATE)
+        *_, last = descend(family, kept, params, np.random.default_rng(seed), steps, REFIT_RATE)
         refitted.append(last)
     return _build_model(family, sampling, refitted)
 

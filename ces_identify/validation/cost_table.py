@@ -22,7 +22,8 @@ from ces_identify.prepare.cost import EQUAL, Weighting, cost
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, CostInterval, Evaluation
 from ces_observer.model import Model
-from ces_report.table import BAR, Column, Table
+from ces_report.table import BAR, Column, PrintedResult, Table, summarize_result
+from ces_report.typesetting import format_within
 
 NONE = "\N{EN DASH}"
 RULE = (
@@ -59,7 +60,10 @@ def cost_table(
     def bar(e: Evaluation) -> Markup:
         whisker = Markup('<span class="whisker" style="left:{:.1f}%;width:{:.1f}%"></span>')
         ends = e.interval and whisker.format(scale * e.interval.low, scale * (e.interval.high - e.interval.low))
-        return BAR.format(percent(e.cost), min(scale * e.cost, 100.0), ends or "")
+        return BAR.format(percent(e.cost, e.interval), min(scale * e.cost, 100.0), ends or "")
+
+    def cost_text(e: Evaluation) -> str:
+        return percent(e.cost, e.interval)
 
     def span(e: Evaluation) -> str:
         return f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}"
@@ -84,7 +88,7 @@ def cost_table(
         Column("Role", lambda e: e.role, html=role, page_only=True),
         Column("From–to [s]", span, css="n spare", head_css="n spare", page_only=True),
         Column("Scored [s]", lambda e: f"{e.scored_s:.1f}", css="n spare", head_css="n spare", page_only=True),
-        Column("J [%]", lambda e: percent(e.cost), figure=True, html=bar, css="j", head_css="j", short="J %"),
+        Column("J [%]", cost_text, figure=True, html=bar, css="j", head_css="j", short="J %"),
         Column("95 % interval [%]", lambda e: interval_text(e.interval), figure=True, short="95 %"),
         Column("Noise floor [%]", number(lambda e: e.floor, ".2f"), figure=True, short="floor") if floors else None,
         Column("Weighted J [%]", number(lambda e: e.weighted_cost(weighting), ".2f"), figure=True, short="weighted")
@@ -100,24 +104,30 @@ def cost_table(
     return Table([column for column in columns if column is not None], evaluations, title)
 
 
-class Evaluations(list[Evaluation]):
+class Evaluations(PrintedResult, list[Evaluation]):
     """Evaluations that print themselves as a table."""
 
-    def __repr__(self) -> str:
-        return str(cost_table(self, exact=False)) if self else "no evaluation"
 
-    def _repr_html_(self) -> str:
-        return str(cost_table(self, exact=False).to_html())
+@summarize_result.register
+def _(evaluations: Evaluations) -> tuple[Sequence[str], Table[Evaluation]]:
+    return [] if evaluations else ["no evaluation"], cost_table(evaluations, exact=False)
 
 
-def percent(cost: float) -> str:
-    """Return a cost J as text; a force that is not finite has none."""
+@summarize_result.register
+def _(evaluation: Evaluation) -> tuple[Sequence[str], Table[Evaluation]]:
+    return [], cost_table([evaluation], exact=False)
+
+
+def percent(cost: float, interval: CostInterval | None = None) -> str:
+    """Return a cost J as text, with the digits of its interval; a force that is not finite has none."""
+    if interval is not None:
+        return format_within(cost, interval.low, interval.high)[0]
     return f"{cost:.2f}" if math.isfinite(cost) else "diverged"
 
 
 def interval_text(interval: CostInterval | None) -> str:
     """Return an interval as text, a dash if there is none."""
-    return NONE if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"
+    return NONE if interval is None else format_within(interval.low, interval.low, interval.high)[1]
 
 
 def _describe_use(e: Evaluation, exact: bool) -> str:

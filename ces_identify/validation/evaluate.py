@@ -29,6 +29,7 @@ from ces_identify.validation.band import band_half_width
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_observer.model import Model
 from ces_observer.structures.structure import Range
+from ces_report.table import PrintedResult
 
 IDENTIFICATION, VALIDATION = "identification", "validation"
 UNITS = {"position": "m", "speed": "m/s", "current": "A"}
@@ -66,8 +67,8 @@ class RangeUse:
         return f"{self.signal} {used} {UNITS[self.signal]}, model knows {known}" + " (is it in mA?)" * is_milli
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(PrintedResult):
     """The free run of a model on one series. `role` is IDENTIFICATION if fit or selection used it, else VALIDATION.
 
     `half_width` (ticks,) [N] is that of the model's band, None if it has none. `outside` are the signals that leave the
@@ -81,11 +82,6 @@ class Evaluation:
     cost: float
     half_width: F | None = None
     outside: tuple[RangeUse, ...] = ()
-
-    def __repr__(self) -> str:
-        ends = "" if self.interval is None else f" ({self.interval.low:.2f} to {self.interval.high:.2f})"
-        cost = f"J = {self.cost:.2f} %{ends}, RMS error {self.rms_N:.1f} N" if math.isfinite(self.cost) else "diverged"
-        return f"<{self.name}, {self.role}: {cost}>"
 
     @property
     def error(self) -> F:

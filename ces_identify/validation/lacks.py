@@ -114,7 +114,7 @@ def describe(dependence: Dependence, model: Model, evaluations: Sequence[Evaluat
     ends = sorted(dependence.regions, key=lambda region: region[2])
     named = [end for end in (ends[0], ends[-1]) if abs(end[2]) >= LackLimits.MIN_CHANGE]
     places = [_describe_region(dependence.names[0], *end) for end in named]
-    where = f"; the force is {' and '.join(dict.fromkeys(places))}" if places else ""
+    where = f"; the magnitude of the force is {' and '.join(dict.fromkeys(places))}" if places else ""
     advice = RECORD if f"--structure {option}" in quantity.remedy else quantity.remedy
     if _is_unused(dependence.names[0], model, evaluations[0].series):
         advice = f"'{option}' as identified does not use it: {advice}"

@@ -262,7 +262,10 @@ MISTAKES = {
     "no force": (lambda m, r: ces.identify(without_force()), "arrays: force: nothing is named like it"),
     "mm as m": (lambda m, r: ces.identify(columns(position_m=1e3 * X)), "more than any damper"),
     "backward times": (lambda m, r: ces.identify(columns(time_s=T[::-1])), "newest row is first; reverse the rows"),
-    "text as force": (lambda m, r: ces.identify(columns(force_N=["a"] * len(T))), "force: column 'force_N' is"),
+    "text as force": (
+        lambda m, r: ces.identify(columns(force_N=["a"] * len(T))),
+        "force: row 0 of column 'force_N' is 'a'; expected a number",
+    ),
     "lengths": (lambda m, r: ces.identify(columns(force_N=FORCE[1:])), "has 2999 values for 3000 rows"),
     "nothing to simulate": (lambda m, r: m.simulate(T), "expected a recording, a path"),
     "two recordings": (lambda m, r: m.simulate([r, r]), "2 recordings given; expected one"),
@@ -350,3 +353,10 @@ def test_blas_has_one_thread_while_a_model_is_identified():
     command = [sys.executable, "-c", script]
     ended = subprocess.run(command, check=False, cwd=ROOT, env=unset, text=True, capture_output=True)
     assert (ended.returncode, ended.stdout) == (0, "within {1}\n"), ended.stderr
+
+
+def test_results_print_a_few_lines_and_a_table(road):
+    model, other = ces.Model.load(MODEL), ces.Model.load(MODEL)
+    for result in (ces.compare({"a": model, "b": other}, road), ces.characterise(road), ces.validate(model, road)[0]):
+        assert "array(" not in repr(result) and repr(result).count("\n") < 30
+        assert result._repr_html_().startswith("<p>")

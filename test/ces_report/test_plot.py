@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -11,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, PlotShade, draw_chart, draw_plot
-from ces_report.typesetting import Chart, ChartCurve
+from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, PlotScale, PlotShade, draw_chart, draw_plot
+from ces_report.typesetting import Chart, ChartCurve, format_within
 
 SVG = "{http://www.w3.org/2000/svg}"
 TIME = np.arange(5000) / 1000.0
@@ -176,3 +177,25 @@ def test_each_curve_is_one_entry_of_the_legend_with_all_its_pieces():
     assert [entry.get("data-name") for entry in root.iter("li")] == ["0 A", "1 A", "2 A", "3 A"]
     marks = json.loads(root.find("script").text)["areas"][0]["marks"]
     assert [mark["name"] for mark in marks].count("2 A") == 4  # interval, solid piece, two dashed ones
+
+
+def test_a_legend_of_many_currents_is_a_scale_and_names_the_groups() -> None:
+    x = np.linspace(0.0, 1.0, 5)
+    marks = [PlotLine(f"{n} A, {of}", x, n * x, group=of) for of in ("measured", "model") for n in range(5)]
+    scale = PlotScale([mark.css for mark in marks[:5]], "Current 0", "4 A")
+
+    def legend(some: list[PlotLine]) -> str:
+        drawn = str(draw_plot(Plot("p", "t", "t", "x", [PlotArea("y", some)], scale=scale)))
+        return drawn[: drawn.index("</ul>")]
+
+    assert 'data-name="3 A, model"' in legend(marks[4:]) and "Current 0" not in legend(marks[4:])
+    many = legend(marks)
+    assert "Current 0" in many and 'data-name="model"' in many and "3 A, model" not in many
+
+
+def test_a_value_has_the_digits_that_its_interval_justifies() -> None:
+    assert format_within(12.753, 10.991, 14.793) == ("12.8", "11.0 to 14.8")
+    assert format_within(8.5, 6.0, 12.0) == ("8", "6 to 12")
+    assert format_within(1843.0, 1500.0, 2200.0) == ("1800", "1500 to 2200")
+    assert format_within(2.0e-7, 1.0e-7, 3.0e-7) == ("2·10⁻⁷", "1·10⁻⁷ to 3·10⁻⁷")
+    assert format_within(5.0, math.nan, math.nan) == ("5", "–")

@@ -42,7 +42,7 @@ from ces_rig.live.rig import OF_THE_RIG
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORTER = {  # what makes a command quick
-    "identify": "--time 1 --starts 1 --threads 1 --no-band",
+    "identify": "--time 3 --starts 1 --threads 1 --no-band",
     "diagnose": "--threads 1",  # and fits the effects of QUICK_EFFECTS alone
 }
 SMALL = "--structure polynomial --terms 3 --candidates rules.yaml"  # instead of auto, which takes 50 s, or the default

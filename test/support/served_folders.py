@@ -12,7 +12,7 @@ from diagnoses import named
 from ces_gap.report.gap_json import write_gap
 from ces_identify.jobs import DONE, FAILED, JobResult, append_row, open_results, open_rows
 from ces_observer.model import Model
-from ces_report.shell import page_template
+from ces_report.shell import PageHead, page_template
 from ces_rig.loop.store import Iteration
 
 BAGS = Path(__file__).resolve().parent.parent.parent / "bags"
@@ -51,7 +51,7 @@ def fill_folder(folder: Path, bags: bool = True) -> Path:
 
 def write_report_page(path: Path, title: str) -> None:
     """Write a page in the shell of all reports."""
-    path.write_text(page_template("shell.html.j2").render(title=title), encoding="utf-8")
+    path.write_text(page_template("shell.html.j2").render(head=PageHead(title)), encoding="utf-8")
 
 
 def _write_campaign(folder: Path) -> None:

@@ -29,7 +29,8 @@ def test_every_kind_is_found_with_its_facts(tmp_path: Path) -> None:
     }  # fmt: skip
     model = listing.find(items.MODEL, "first.json")
     assert model is not None
-    assert [model.facts[key] for key in ("cost_J", "fit_J", "size")] == [4.0, 3.0, "3 terms"]
+    assert [model.facts[key] for key in ("cost_J", "size")] == [4.0, "3 terms"]
+    assert str(model.facts["tests"]).startswith("sine_4hz (sha256 ")
     assert model.facts["certificate"].startswith("contraction")
     summaries = {one.facts.get("what", one.kind): one.summary for one in listing.outermost()}
     assert summaries["campaign"] == "2 models, 1 failed: polynomial"

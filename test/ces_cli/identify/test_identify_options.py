@@ -89,9 +89,9 @@ def test_a_parameter_that_does_not_apply_is_refused_and_defaults_never_are():
 def test_a_time_limit_counts_the_start_and_the_report_or_says_that_it_cannot_be_met(monkeypatch, capsys):
     monkeypatch.setattr(Heartbeat, "elapsed_s", 2.0)
     assert share_time(15.0) == 11.0 and share_time(inf) == inf and not capsys.readouterr().err
+    monkeypatch.setattr(Heartbeat, "elapsed_s", 3.5)
+    assert share_time(15.0) == 10.5 and not capsys.readouterr().err
     monkeypatch.setattr(Heartbeat, "elapsed_s", 10.0)
-    assert share_time(15.0) == 7.5
-    assert (
-        "--time 15 cannot be met: start and reading took 10 s, as will the report; about 28 s"
-        in capsys.readouterr().err
-    )
+    assert share_time(15.0) == 10.5
+    said = "--time 15 cannot be met: start and reading took 10.0 s, as will the report; it will be about 30 s"
+    assert said in capsys.readouterr().err

@@ -11,8 +11,10 @@ from programs import error_line
 
 from ces import Recording
 from ces_cli.main import main
+from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bag, with_distinct_names
 from ces_data.bags.find import find_bags
+from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -127,3 +129,14 @@ def test_signals_are_proposed_for_what_a_killed_recorder_left(here, capsys):
     (here / "killed" / "run_0.mcap").write_bytes(file.read_bytes()[:-100])
     assert main(["signals", "killed"]) == 0
     assert "joint_states" in capsys.readouterr().out
+
+
+def test_a_part_is_all_that_a_program_sees_and_what_is_left_out_is_said(tmp_path, capsys):
+    path = ROOT / "bags/sine_4hz"
+    whole = Recording.load(path)
+    taken = terminal.read_one(path, load_signals(), terminal.FORCE, (1.0, 3.0))
+    assert taken.duration_s == pytest.approx(2.0, abs=0.01) and taken.name == "sine_4hz 1-3 s" and not taken.sha256
+    assert f"sine_4hz: used from 1 s to 3 s; {whole.duration_s - 2.0:.1f} of" in capsys.readouterr().err
+    both = with_distinct_names({path: taken, tmp_path / "sine_4hz": taken})
+    names = [one.name for one in both.values()]
+    assert len(set(names)) == 2 and all(name.endswith(" 1-3 s") for name in names)

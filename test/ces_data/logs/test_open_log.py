@@ -33,6 +33,7 @@ HEADS = {"log.mat": b"MATLAB 7.3 MAT-file".ljust(512)}
         ("log.blf", "can", "python-can", "can"),
         ("log.asc", "cantools", "cantools", "can"),
         ("log.parquet", "pyarrow", "pyarrow", "parquet"),
+        ("log.tdms", "nptdms", "nptdms", "tdms"),
     ],
 )
 def test_a_missing_library_is_one_line_with_the_extra(tmp_path, monkeypatch, name, module, package, extra):

@@ -1,0 +1,130 @@
+"""Recordings from DataFrames and arrays: the right numbers, or a word on what is doubted."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ces
+
+ROOT = Path(__file__).resolve().parents[2]
+MODEL = ROOT / "config/models/sample.json"
+T = np.arange(0.0, 4.0, 0.002)
+X = 0.02 * np.sin(6.0 * T) + 0.003 * np.sin(31.0 * T)
+FORCE = 1500.0 * np.gradient(X, T)
+
+
+def table(**changes):
+    columns = {"t_s": T, "x_mm": 1e3 * X, "F_kN": 1e-3 * FORCE, "I_A": np.full(len(T), 0.5)}
+    return {name: values for name, values in {**columns, **changes}.items() if values is not None}
+
+
+def values(recording, signal):
+    return recording.channel(signal).values
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {},
+        {"force": "F_kN"},
+        {"time": "t_s", "position": "x_mm", "current": "I_A", "force": "F_kN"},
+        {"position": {"column": "x_mm"}, "current": 0.5},
+    ],
+    ids=["found", "force named", "all named", "mapping without unit"],
+)
+def test_a_named_column_has_the_unit_in_its_name(columns):
+    recording = ces.Recording.from_frame(table(), columns=columns)
+    np.testing.assert_allclose(values(recording, "position"), X)
+    np.testing.assert_allclose(values(recording, "force"), FORCE)
+    np.testing.assert_allclose(values(recording, "current"), 0.5)
+
+
+def test_a_named_column_is_not_turned():
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        recording = ces.Recording.from_frame(table(F_kN=-1e-3 * FORCE), columns={"force": "F_kN"})
+    np.testing.assert_allclose(values(recording, "force"), -FORCE)
+    assert not any("the force is turned" in str(w.message) for w in said)
+
+
+def test_what_was_found_is_shown():
+    shown = repr(ces.Recording.from_frame(table(), columns={"current": "I_A"}))
+    assert "position from 'x_mm' [mm to SI], force from 'F_kN' [kN to SI]" in shown and "current from" not in shown
+
+
+@pytest.mark.parametrize("kind", ["datetime64[us]", "timedelta64[us]", "datetime64[ns]"])
+def test_arrays_take_dates_and_durations(kind):
+    times = (1e6 * T).round().astype("timedelta64[us]")
+    if kind.startswith("datetime"):
+        times = (np.datetime64("2026-03-01T12:00:00") + times).astype(kind)
+    recording = ces.Recording.from_arrays(times, X, 0.5, FORCE)
+    assert recording.duration_s == pytest.approx(T[-1], abs=1e-6)
+    assert recording.day == ("2026-03-01" if kind.startswith("datetime") else "")
+
+
+def test_text_that_is_a_date_is_a_time():
+    dates = np.datetime_as_string(np.datetime64("2026-03-01T12:00:00") + (1e6 * T).round().astype("timedelta64[us]"))
+    recording = ces.Recording.from_frame(table(t_s=None, Timestamp=list(dates)), columns={"current": 0.0})
+    assert recording.duration_s == pytest.approx(T[-1], abs=1e-6) and recording.day == "2026-03-01"
+
+
+SAID = {
+    "a cell that is no number": (
+        lambda: ces.Recording.from_frame(table(F_kN=[*map(str, 1e-3 * FORCE[:-1]), "bad"])),
+        "force: row 1999 of column 'F_kN' is 'bad'; expected a number; it is not read",
+    ),
+    "decimal commas": (
+        lambda: ces.Recording.from_frame(table(F_kN=[f"{f:.3f}".replace(".", ",") for f in 1e-3 * FORCE])),
+        "expected a number; give a decimal point",
+    ),
+    "times in ms that are named s": (lambda: ces.Recording.from_frame(table(t_s=1e3 * T)), "if the times are in ms"),
+    "newtons that are named kN": (lambda: ces.Recording.from_frame(table(F_kN=FORCE)), "if it is in N, not kN"),
+    "millimetres in position_m": (
+        lambda: ces.Recording.from_arrays(T, 1e3 * X, 0.5),
+        "multiply its scale by 0.001 if it is in mm",
+    ),
+    "an infinite force": (
+        lambda: ces.Recording.from_arrays(T, X, 0.5, np.where(T[5] == T, np.inf, FORCE)),
+        "1 of 2000 samples are NaN or infinite",
+    ),
+}
+
+
+@pytest.mark.parametrize(("read", "text"), SAID.values(), ids=SAID)
+def test_what_looks_wrong_is_said(read, text):
+    with pytest.warns(UserWarning, match=text.replace(".", r"\.")):
+        read()
+
+
+REFUSED = {
+    "no current": (
+        table(I_A=None),
+        "columns={'current': 'NAME'}, or {'current': 0.0} [A] for a constant",
+    ),
+    "no time": (table(t_s=None), "columns={'time': 'NAME'}, or {'rate': 1000} [Hz] without one"),
+    "a short column": (table(x_mm=X[:-1]), "arrays: position: 'x_mm' has 1999 values for 2000 rows"),
+}
+
+
+@pytest.mark.parametrize(("content", "end"), REFUSED.values(), ids=REFUSED)
+def test_an_error_ends_with_what_helps(content, end):
+    with pytest.raises(ces.CesError) as refused:
+        ces.Recording.from_frame(content)
+    assert str(refused.value).endswith(end)
+
+
+def test_tables_have_names_of_their_own():
+    costs = repr(ces.validate(MODEL, [table(), table(F_kN=1.1e-3 * FORCE)]))
+    assert "arrays 1" in costs and "arrays 2" in costs
+
+
+def test_another_kind_of_file_is_named(tmp_path):
+    (tmp_path / "gap.json").write_text('{"schema": "ces-gap/1"}', encoding="utf-8")
+    with pytest.raises(ces.CesError, match=r"is a file of another kind, ces-gap; expected ces-model"):
+        ces.Model.load(tmp_path / "gap.json")
+    with pytest.raises(ces.CesError, match="such as a model, and no recording"):
+        ces.identify(MODEL)
