@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import yaml
 
+from ces_data.findings import warn
 from ces_data.logs.frame import FrameTable, is_frame
 from ces_data.logs.log_import import to_recording
 from ces_data.mapping.proposals import GIVE_RATE, NO_TIME, parse_mapping_without_force, propose_for
@@ -55,7 +55,7 @@ def read_frame(
         remedy = "" if doubts[0] in proposal.faults else _remedy(doubts[0])
         raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE)}{remedy}")
     for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
-        warnings.warn(f"{name}: {remark}", stacklevel=4)
+        warn(f"{name}: {remark}")
     taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
     return replace(to_recording(log, parse_mapping_without_force(content, name)), taken=", ".join(taken))
 

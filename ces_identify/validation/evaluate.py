@@ -34,6 +34,7 @@ from ces_report.table import PrintedResult
 IDENTIFICATION, VALIDATION = "identification", "validation"
 UNITS = {"position": "m", "speed": "m/s", "current": "A"}
 WORKING, MOST = 0.5, 0.9  # a window works with this share of the work that this quantile of windows has
+MILLI = 50.0  # times the largest current that a model knows: it was given in mA
 FIGURES = 4  # of the largest number of a range; the others have as many decimals
 DIVERGED = "no interval and no RMS error (the simulated force is not finite)"
 SHORT = f"no interval (too short: it would reach beyond {ErrorLimits.MAX_FACTOR:g} times the cost)"
@@ -62,7 +63,8 @@ class RangeUse:
 
     def __str__(self) -> str:
         used, known = self.as_texts()
-        return f"{self.signal} {used} {UNITS[self.signal]}, model knows {known}"
+        is_milli = self.signal == "current" and max(self.used) > MILLI * max(self.known)
+        return f"{self.signal} {used} {UNITS[self.signal]}, model knows {known}" + " (is it in mA?)" * is_milli
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,6 +139,11 @@ class Evaluation(PrintedResult):
         """The share of the time with the force held at its envelope; empty if there is none."""
         scored = self.series.scored
         return describe_held(self.name, self.run.force_envelope_N, self.series.time_s[scored], self.run.held[scored])
+
+    @property
+    def warnings(self) -> list[str]:
+        """For how long inputs and force were outside the model's envelopes; empty if they hardly were."""
+        return [text for text in (self.outside_text, self.held_text) if text]
 
     @property
     def coverage(self) -> float | None:
