@@ -216,6 +216,7 @@ class _MappingWriter:
             self.missing.append(f"time: {candidates.unread.get('time', NO_TIME)}")
         self.doubts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
         self.remarks = tuple(f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses)
+        self.doubts = [*(log.doubts if isinstance(log, LogTable) else ()), *self.doubts]
         if candidates.time_doubt:
             self.doubts.append(candidates.time_doubt)
         if names and not damper:
