@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
     ModelInput = model.Model | PathInput
     SimulationInput = Simulation | model.Model | Callable[..., Any] | PathInput
+    FitInput = str | Sequence[str] | Mapping[str, tuple[float, float] | None]
     SimulationInputs = SimulationInput | Sequence[SimulationInput] | Mapping[str, SimulationInput]
 
 __all__ = [
@@ -212,7 +213,7 @@ def calibrate(
     real: RecordingInputs,
     *,
     held_out: RecordingInputs = (),
-    fit: str | Sequence[str] = (),
+    fit: FitInput = (),
     out: PathInput | None = None,
     title: str = "",
     note: str = "",
@@ -221,8 +222,8 @@ def calibrate(
 ) -> Calibration:
     """Return the named parameters of a simulation fitted to `real` recordings, with intervals.
 
-    `fit` names some of them (NAME or NAME=LOW..HIGH); without it, all. `out` is a folder for calibrated.json and
-    report.html. Raises CesError if nothing can be fitted.
+    `fit` names some of them (NAME or NAME=LOW..HIGH, or a mapping from NAME to (LOW, HIGH)); without it, all. `out`
+    is a folder for calibrated.json and report.html. Raises CesError if nothing can be fitted.
     """
     from ces_data.findings import warn
     from ces_data.reading import as_recordings
@@ -238,9 +239,8 @@ def calibrate(
     recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
     for text in check_recordings(recordings, kept, []):
         warn(text)
-    names = [fit] if isinstance(fit, str) else fit
     with one_blas_thread(), show_progress(progress) as tell:
-        result = calibrate_simulation(subject, name, recordings, kept, names, tell)
+        result = calibrate_simulation(subject, name, recordings, kept, _as_fit(fit), tell)
     if target is not None:
         head = _head(title, note, [*recordings, *kept])
         used = {"real": recordings, "held_out": kept}
@@ -261,7 +261,19 @@ def _diagnose_options(given: Mapping[str, Any]) -> DiagnoseOptions:
     if not all(isinstance(effect, Effect) for effect in given.get("effects", ())):
         raise CesError("effects: expected effects of your own (ces_gap.Effect); the library's are always tried")
     share = {"tolerance": 0.01 * given["tolerance"]} if given.get("tolerance") is not None else {}
-    return DiagnoseOptions(**{**given, **share})
+    return DiagnoseOptions(**{**given, **share, "fit": _as_fit(given.get("fit", ()))})
+
+
+def _as_fit(given: FitInput) -> tuple[str, ...]:
+    """Return the parameters that may change as the program has them: NAME or NAME=LOW..HIGH. Raises CesError."""
+    if not isinstance(given, Mapping):
+        return (given,) if isinstance(given, str) else tuple(given)
+    words = []
+    for name, ends in given.items():
+        if ends is not None and (not isinstance(ends, Sequence) or isinstance(ends, str) or len(ends) != 2):
+            raise CesError(f"fit: {name} is {ends!r}; expected (LOW, HIGH), or None for its own range")
+        words.append(name if ends is None else f"{name}={ends[0]}..{ends[1]}")
+    return tuple(words)
 
 
 def _require_options(function: Callable[..., Any], given: Mapping[str, Any], known: Sequence[str]) -> None:
@@ -313,7 +325,10 @@ def _open_all(name: str, given: SimulationInputs) -> dict[str, Simulation]:
         return {own: _open(simulation)[0] for own, simulation in given.items()}
     several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
     opened = [_open(simulation) for simulation in several]
-    sources = [one.structure if isinstance(one, Model) else own for one, (_, own) in zip(several, opened, strict=True)]
+    sources = [
+        one.structure if isinstance(one, Model) else getattr(one, "__qualname__", own)
+        for one, (_, own) in zip(several, opened, strict=True)
+    ]
     names = name_sources(sources)
     counts = [names[: k + 1].count(own) for k, own in enumerate(names)]
     distinct = [f"{own} {n}" if n > 1 else own for own, n in zip(names, counts, strict=True)]

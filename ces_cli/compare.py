@@ -30,7 +30,8 @@ from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.comparison import comparison_report
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_model
-from ces_identify.comparison.comparison import Comparison, compare, headline, model_table, name_sources
+from ces_identify.comparison.comparison import Comparison, compare, name_sources
+from ces_identify.comparison.summary import headline, model_table
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError

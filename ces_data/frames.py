@@ -122,3 +122,12 @@ def import_pandas() -> Any:
     except ImportError:
         raise CesError("a DataFrame needs pandas: pip install 'ces_observer[frames]'") from None
     return pandas
+
+
+def import_pyplot() -> Any:
+    """Return matplotlib's pyplot; raises CesError that says how to install it."""
+    try:
+        from matplotlib import pyplot
+    except ImportError:
+        raise CesError("a plot needs matplotlib: pip install 'ces_observer[notebook]'") from None
+    return pyplot

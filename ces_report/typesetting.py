@@ -129,6 +129,14 @@ def _round_like(spread: float, *values: float) -> list[str]:
     return [minus(f"{round(value, digits) + 0.0:.{max(digits, 0)}f}") for value in values]
 
 
+def format_alike(values: Collection[float], figures: int = 4) -> list[str]:
+    """Return numbers with the same decimals, so many figures of the largest; ASCII, for terminals."""
+    largest = max(map(abs, values))
+    power = math.floor(math.log10(largest)) if largest > 0.0 else 0
+    decimals = min(max(0, figures - 1 - power), 9)
+    return [f"{round(value, decimals) + 0.0:.{decimals}f}" for value in values]  # no negative zero
+
+
 def format_range(low: float, high: float) -> str:
     """Return `low to high` with as many figures as give it two ends; the one value if both are equal."""
     for figures in range(3, MAX_FIGURES + 1):

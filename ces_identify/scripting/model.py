@@ -16,7 +16,7 @@ from ces_data.arrays import F
 from ces_data.checks.check import check_each, check_together, require_sound
 from ces_data.checks.content import require_distinct, require_once
 from ces_data.findings import warn
-from ces_data.frames import import_pandas
+from ces_data.frames import import_pandas, import_pyplot
 from ces_data.logs.frame import is_frame
 from ces_data.outputs import REPORT, require_outputs
 from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs, as_path, as_recordings
@@ -45,6 +45,7 @@ from ces_observer.errors import CesError
 from ces_observer.records import in_files
 from ces_observer.structures.polynomial import Polynomial
 from ces_report.shell import PageHead
+from ces_report.typesetting import format_alike
 
 MAX_STEPS = 100_000  # ticks ahead
 MAX_BEYOND = 0.01  # of the span that a model knows: a rounded number counts as the end of it
@@ -245,8 +246,8 @@ class Model(model.Model):
     def _describe(self) -> str:
         proof = "stability not proved" if self.certificate is None else "proved stable"
         knows = "; ".join(
-            f"{name} {low:.3g} to {high:.3g} {unit}"
-            for (name, (low, high)), unit in zip(self.envelope.by_signal.items(), ("m", "m/s", "A"), strict=True)
+            f"{name} {' to '.join(format_alike(ends, 3))} {unit}"
+            for (name, ends), unit in zip(self.envelope.by_signal.items(), ("m", "m/s", "A"), strict=True)
         )
         return f"{self.structure}: {describe_size(self)} at {self.sampling.rate_Hz:g} Hz, {proof}\nknows {knows}"
 
@@ -338,12 +339,3 @@ def _plain(cell: Markup) -> str | float:
         return float(text)
     except ValueError:
         return text
-
-
-def import_pyplot() -> Any:
-    """Return matplotlib's pyplot; raises CesError that says how to install it."""
-    try:
-        from matplotlib import pyplot
-    except ImportError:
-        raise CesError("a plot needs matplotlib: pip install 'ces_observer[notebook]'") from None
-    return pyplot

@@ -184,9 +184,9 @@ def test_a_frame_comes_back_as_it_was(road):
 
 def test_simulations_come_alone_in_a_list_or_by_name_and_recordings_by_globs(model):
     pair = ces.compare([model, MODEL, lambda t, x, i: 9.0 * x], str(ROOT / "bags/r[o]ad"))
-    assert [one.name for one in pair.models[:2]] == ["polynomial", "sample"] and "lambda" in pair.models[2].name
+    assert [one.name for one in pair.models[:2]] == ["polynomial_narx", "sample"] and "lambda" in pair.models[2].name
     twice = ces.compare([model, ces.Model.load(MODEL)], ROAD)
-    assert [one.name for one in twice.models] == ["polynomial", "polynomial 2"]
+    assert [one.name for one in twice.models] == ["polynomial_narx", "polynomial_narx 2"]
     named = ces.characterise(ROAD, model=MODEL), ces.characterise(ROAD, model={"mine": model})
     assert [one.sources for one in named] == [("measured", "sample"), ("measured", "mine")]
 
