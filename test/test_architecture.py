@@ -69,13 +69,13 @@ ALLOWED = {
 MAX_PACKAGE = {
     "ces_observer": 142.1,
     "ces_data": 107.7,
-    "ces_report": 13.8,
-    "ces_identify": 178.8,
+    "ces_report": 13.9,
+    "ces_identify": 179.4,
     "ces_rig": 71.9,
-    "ces_gap": 128,
+    "ces_gap": 128.6,
     "ces_cli": 71.2,
     "bench": 72.4,
-    "test": 469.9,
+    "test": 469.7,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
