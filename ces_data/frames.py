@@ -11,6 +11,7 @@ import yaml
 from ces_data.findings import warn
 from ces_data.logs.frame import FrameTable, is_frame
 from ces_data.logs.log_import import to_recording
+from ces_data.mapping.choice import PASSIVE
 from ces_data.mapping.proposals import GIVE_RATE, NO_TIME, parse_mapping_without_force, propose_for
 from ces_data.recording import Recording
 from ces_data.tables import tabulate
@@ -53,7 +54,7 @@ def read_frame(
     doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled]
     if doubts:
         remedy = "" if doubts[0] in proposal.faults else _remedy(doubts[0])
-        raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE)}{remedy}")
+        raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE).replace(f'; {PASSIVE}', '')}{remedy}")
     for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
         warn(f"{name}: {remark}")
     taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
@@ -68,7 +69,7 @@ def _remedy(doubt: str) -> str:
     if signal == "time":
         return "; say which it is: columns={'time': 'NAME'}, or {'rate': 1000} [Hz] without one"
     if signal == "current":
-        return "; say which it is: columns={'current': 'NAME'}, or {'current': 0.0} [A] for a constant"
+        return "; say which it is: columns={'current': 'NAME'}, or {'current': 0.0} for a passive damper"
     return f"; say which it is: columns={{'{signal}': {{'column': 'NAME', 'unit': 'mm'}}}}" if signal in UNITS else ""
 
 

@@ -65,6 +65,7 @@ class LogTable(ABC):
     path: Path
     names: Sequence[str]
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()  # what a person has to choose, such as one of several runs
     breaks: Sequence[int] = ()  # rows (from 0) at which a block begins whose time may begin again
     rows = ""  # the path to the table inside the file
     unread: Mapping[str, str] = {}  # names of what cannot be a column, each with the reason
@@ -92,6 +93,10 @@ class LogTable(ABC):
 
     def unit(self, key: str | int) -> str:
         """Return the unit that the file states for a column, '' if none."""
+        return ""
+
+    def title(self, key: str | int) -> str:
+        """Return a better name of a column than its key, '' if the file states none."""
         return ""
 
     def first(self, key: str | int) -> float:
