@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ces_identify.scripting.progress import ProgressInput
     from ces_identify.scripting.recording import Recording
     from ces_identify.simulations.simulation import Simulation
+    from ces_identify.validation.cost_table import Evaluations
     from ces_identify.validation.evaluate import Evaluation
     from ces_observer import model
     from ces_report.shell import PageHead
@@ -95,8 +96,8 @@ def identify(
         return identify_model(request, given, held_out, tell)
 
 
-def validate(model: ModelInput, recordings: RecordingInputs) -> Sequence[Evaluation]:
-    """Return the free run of a model on each recording, with its cost J [%] (`cost`) and RMS error (`rms_N`)."""
+def validate(model: ModelInput, recordings: RecordingInputs) -> Evaluations:
+    """Return the free run of a model on each recording, a list with `to_frame`, as `Model.validate` does."""
     from ces_identify.scripting.model import as_model
 
     return as_model(model).validate(recordings)
@@ -261,7 +262,7 @@ def _diagnose_options(given: Mapping[str, Any]) -> DiagnoseOptions:
     if not all(isinstance(effect, Effect) for effect in given.get("effects", ())):
         raise CesError("effects: expected effects of your own (ces_gap.Effect); the library's are always tried")
     share = {"tolerance": 0.01 * given["tolerance"]} if given.get("tolerance") is not None else {}
-    return DiagnoseOptions(**{**given, **share, "fit": _as_fit(given.get("fit", ()))})
+    return DiagnoseOptions(**{**given, **share, "fit": _as_fit(given.get("fit") or ())})
 
 
 def _as_fit(given: FitInput) -> tuple[str, ...]:
