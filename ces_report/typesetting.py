@@ -132,7 +132,7 @@ def _round_like(spread: float, *values: float) -> list[str]:
 def format_alike(values: Collection[float], figures: int = 4) -> list[str]:
     """Return numbers with the same decimals, so many figures of the largest; ASCII, for terminals."""
     largest = max(map(abs, values))
-    power = math.floor(math.log10(largest)) if largest > 0.0 else 0
+    power = math.floor(math.log10(largest)) if 0.0 < largest < math.inf else 0
     decimals = min(max(0, figures - 1 - power), 9)
     return [f"{round(value, decimals) + 0.0:.{decimals}f}" for value in values]  # no negative zero
 

@@ -35,7 +35,6 @@ from ces_report.typesetting import format_alike
 IDENTIFICATION, VALIDATION = "identification", "validation"
 UNITS = {"position": "m", "speed": "m/s", "current": "A"}
 WORKING, MOST = 0.5, 0.9  # a window works with this share of the work that this quantile of windows has
-MILLI = 50.0  # times the largest current that a model knows: it was given in mA
 DIVERGED = "no interval and no RMS error (the simulated force is not finite)"
 SHORT = f"no interval (too short: it would reach beyond {ErrorLimits.MAX_FACTOR:g} times the cost)"
 
@@ -57,8 +56,7 @@ class RangeUse:
 
     def __str__(self) -> str:
         used, known = self.as_texts()
-        is_milli = self.signal == "current" and max(self.used) > MILLI * max(self.known)
-        return f"{self.signal} {used} {UNITS[self.signal]}, model knows {known}" + " (is it in mA?)" * is_milli
+        return f"{self.signal} {used} {UNITS[self.signal]}, model knows {known}"
 
 
 @dataclass(frozen=True, repr=False)

@@ -138,11 +138,14 @@ def test_a_row_without_a_position_has_no_force_and_the_others_keep_their_index(m
 DOUBTS = {
     "its own recording": (lambda m, r: m.validate(r), "identified on seconds of this recording"),
     "another current": (lambda m, r: m.simulate(T, X, 0.0), "outside the model's envelope for 100.0 % of the time"),
-    "mA": (lambda m, r: ces.simulate(m, time_s=T, position_m=X, current_A=500.0), "current 500.*is it in mA"),
+    "mA": (
+        lambda m, r: ces.simulate(m, time_s=T, position_m=X, current_A=500.0),
+        "multiply its scale by 0.001 if it is in mA",
+    ),
     "another damper": (lambda m, r: ces.validate(m, columns(current_A=0.0 * T)), "outside the model's envelope for"),
     "other signs": (
         lambda m, r: m.validate(
-            ces.Recording.from_arrays(T, -X, 0.5, -m.simulate(T, X, 0.5)).part(1, 6),
+            ces.Recording.from_arrays(T, -X, 0.5, -np.nan_to_num(m.simulate(T, X, 0.5))).part(1, 6),
         ),
         "sign",
     ),
@@ -302,6 +305,7 @@ MISTAKES = {
         "effects: expected effects of your own",
     ),
     "threads": (lambda m, r: ces.diagnose(m, r, threads="two"), "threads is 'two'; expected a whole number"),
+    "no range": (lambda m, r: ces.calibrate(m, r, fit={"knee": 3}), "fit: knee is 3; expected \\(LOW, HIGH\\)"),
     "a parameter": (lambda m, r: ces.calibrate(lambda t, x, i, *, c=2.0: c * x, r, fit="z"), "has no such parameter"),
     "a part": (lambda m, r: r.part(5, 2), "expected 0 <= from < to"),
     "a part beyond": (lambda m, r: r.part(500), "no part from 500 s to inf s; it has 21.999 s"),
@@ -360,3 +364,31 @@ def test_results_print_a_few_lines_and_a_table(road):
     for result in (ces.compare({"a": model, "b": other}, road), ces.characterise(road), ces.validate(model, road)[0]):
         assert "array(" not in repr(result) and repr(result).count("\n") < 30
         assert result._repr_html_().startswith("<p>")
+
+
+def test_results_have_frames_and_a_comparison_a_plot(road):
+    pandas = pytest.importorskip("pandas")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    part = road.part(0, 12)
+    costs = ces.validate(MODEL, part)
+    frame = costs.to_frame()
+    assert frame["J_percent"][0] == costs[0].cost and frame["low_percent"][0] < costs[0].cost < frame["high_percent"][0]
+    pair = ces.compare([MODEL, lambda t, x, i: 3000.0 * np.gradient(x, t)], part)
+    assert list(pair.to_frame()["J_percent"]) == [one.costs[0].cost for one in pair.models]
+    (axes,) = pair.plot().axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels[0] == "measured" and all(": J = " in label for label in labels[1:]) and len(labels) == 3
+    pyplot.close("all")
+    tables = ces.characterise(part)
+    assert len(tables.to_frame("speed_bins")) == len(tables.speed_bins) > 0
+    assert isinstance(tables.to_frame(), pandas.DataFrame)
+    with pytest.raises(ces.CesError, match="'loop': is no table; did you mean 'loops'"):
+        tables.to_frame("loop")
+
+
+def test_a_plot_shows_the_band_and_times_outside_the_envelope(model, road):
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    slow = {"time_s": T, "position_m": X, "current_A": np.where(T < 3.0, 0.5, 5.0)}
+    labels = model.plot(slow).axes[0].get_legend_handles_labels()[1]
+    assert labels == ["simulated", "band (90 %)", "outside the envelope"]
+    pyplot.close("all")
