@@ -68,14 +68,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 141.8,
-    "ces_data": 104.4,
+    "ces_data": 106.3,
     "ces_report": 12.8,
     "ces_identify": 174.6,
     "ces_rig": 71.9,
     "ces_gap": 127.8,
     "ces_cli": 70.1,
     "bench": 71.4,
-    "test": 465.3,
+    "test": 466.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
