@@ -79,7 +79,7 @@ def print_proposal(selection: Selection, console: Console, skipped: Mapping[str,
     """Print the table of a proposal, then one line for each thing to check and each signal that was not found."""
     table = terminal.lay_out(text_table(("signal", "candidate, range, rate", "why"), _rows(selection), left=3))
     table.columns[0].no_wrap = True
-    console.print(table, highlight=False, markup=False)
+    console.print(table, highlight=False)
     for check in selection.checks:
         terminal.print_line(f"check: {check}", "yellow", console)
     for missing in selection.missing:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.bags.storage import open_bag
 from ces_data.config_file import first_line
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
@@ -210,6 +211,8 @@ def open_format(kind: str, path: Path, mapping: DynoMapping, progress: Progress)
 def refuse_bag(path: Path) -> None:
     """Raise RecordingError if the file or folder is a rosbag2 recording, which all programs read as it is."""
     if path.suffix in BAGS or (path.is_dir() and (path / "metadata.yaml").is_file()):
+        with open_bag(path):  # which may say that it is not of ROS 2
+            pass
         raise RecordingError(f"{path}: a bag needs no import: ces info {path}")
     if path.is_dir():
         raise RecordingError(f"{path}: is a folder; expected a log (.csv, .mat, .mf4, ...)")
