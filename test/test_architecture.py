@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 128.6,
     "ces_cli": 71.2,
     "bench": 72.4,
-    "test": 471.8,
+    "test": 471.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -95,7 +95,8 @@ def fit_polynomial(
             how["not_proved"] = proof.doubt
     else:
         model, results = _best_model(problem, sampling, results, options.certificate)
-    how[COSTS_BY_TERMS] = sorted(({**by_terms, len(results[0].chosen): results[0].cost}).items())
+    costs = {**by_terms, len(results[0].chosen): results[0].cost}
+    how[COSTS_BY_TERMS] = [list(pair) for pair in sorted(costs.items())]  # as a file holds them
     return Fitted(model, results, how, partial(_refit, problem, model, results[0].chosen))
 
 
