@@ -218,7 +218,7 @@ def name_sources(sources: Sequence[str]) -> list[str]:
 
     def end_of(source: str, depth: int) -> str:
         path = Path(source)
-        last = path.stem if path.suffix in (".json", ".yaml", ".yml", ".fmu") else path.name
+        last = path.stem if path.suffix in (".json", ".yaml", ".yml") else path.name
         return "/".join([*path.parts[-depth:-1], last])
 
     names = []
