@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ces_data.bags.clocks import compare_clocks, find_shift
+from ces_data.bags.clocks import HeaderClock, compare_clocks, find_shift
 from ces_data.bags.decode import MessageDecoder, TopicSamples
 from ces_data.bags.fields import format_fields
 from ces_data.bags.storage import ALONE, MEASURED, Bag, Topic, open_bag
-from ces_data.limits import OrderLimits, RecordingLimits
-from ces_data.recording import Channel, Recording, Stamps
+from ces_data.limits import OrderLimits, RecordingLimits, StatisticLimits
+from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_data.samples import INTEGRATED, velocity_beside
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Constant, Signal, Signals
@@ -95,10 +95,10 @@ def _find_shift(bag: Bag, readers: Sequence[_TopicReader]) -> int:
     """Return by how much the log times of topics without headers are moved back [ns]; warns of it."""
     if bag.exact_log_times:
         return 0
-    clocks = [clock for reader in readers if (clock := compare_clocks(reader.topic.name, *reader.join()[:2]))]
+    clocks = [clock for reader in readers if (clock := reader.clock())]
     unstamped = [reader.topic.name for reader in readers if not reader.join()[0].any()]
-    shift_ns, text = find_shift(clocks, unstamped, str(bag.path))
-    if text:
+    shift_ns, texts = find_shift(clocks, unstamped, str(bag.path))
+    for text in texts:
         warnings.warn(text, RecordingWarning, stacklevel=3)
     return shift_ns
 
@@ -135,6 +135,10 @@ class _TopicReader(TopicSamples):
         fields = [signal.field for signal in signals]
         super().__init__(MessageDecoder(topic.type, fields, bag.typestore(topic), where))
 
+    def clock(self) -> HeaderClock | None:
+        """Return the clock of the headers against the log's, None without."""
+        return compare_clocks(self.topic.name, *self.join()[:2], self.signals[0].delay_ns)
+
     def channels(self, shift_ns: int) -> dict[str, Channel]:
         """Return the channels by signal, log times moved back by `shift_ns`; raises SignalsError without a field."""
         header_ns, log_ns, values, present = self.join()
@@ -144,12 +148,20 @@ class _TopicReader(TopicSamples):
             self._require_field(i, signal, int(rows.sum()))
             self._require_one_name(i, signal)
             stamped = bool(header_ns[rows].any())
+            dated = stamped and header_ns.max() > 1e9 * RecordingLimits.BOOT_S  # else 0 may be the first time
+            if empty := int((header_ns[rows] == 0).sum()) if dated else 0:
+                text = f"{empty} of {rows.sum()} messages on {self.topic.name} have an empty header stamp"
+                warnings.warn(f"{signal.name}: {text}; they are left out", RecordingWarning, stacklevel=2)
+                rows = rows & (header_ns != 0)
             if rows.any() and not stamped and not self.exact_log_times:
                 reason = "an empty header stamp" if self.decoder.stamp else "no header"
                 text = f"{self.topic.type} on {self.topic.name} has {reason}; stamped with the bag's log time"
                 warnings.warn(f"{signal.name}: {text}", LogTimeWarning, stacklevel=2)
             stamps = (header_ns if stamped else log_ns - shift_ns)[rows] - signal.delay_ns
             numbers = signal.scale * values[rows, i] + signal.offset
+            if signal.name == "position" and is_interleaved(numbers):
+                text = f"every other message on {self.topic.name} goes on another series (two publishers of one topic?)"
+                warnings.warn(f"position: {text}; record one of them", RecordingWarning, stacklevel=2)
             channels[signal.name] = Channel(signal.name, signal.unit, stamps, numbers)
         return channels
 
@@ -178,6 +190,17 @@ class _TopicReader(TopicSamples):
         if count + self.decoder.others[i].total() < self.count:
             missing = f"missing in {self.count - count} of {self.count} messages on {self.topic.name}"
             warnings.warn(f"{signal.name}: {missing}: {reason}", RecordingWarning, stacklevel=2)
+
+
+def is_interleaved(values: Values) -> bool:
+    """Return whether each value is nearer to the last but one than to the last, in the median: two series in turn.
+
+    Of a smooth series it is twice as far away, of noise as far.
+    """
+    if len(values) < StatisticLimits.ENOUGH:
+        return False
+    last, last_but_one = (float(np.nanmedian(np.abs(values[n:] - values[:-n]))) for n in (1, 2))
+    return last_but_one < RecordingLimits.INTERLEAVED * last
 
 
 @dataclass(frozen=True)

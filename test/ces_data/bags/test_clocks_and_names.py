@@ -1,5 +1,7 @@
 """Bags whose header stamps and log times are of two clocks, whose joints change places, or lack a definition."""
 
+import warnings
+
 import numpy as np
 import pytest
 import tiny_bags as tiny
@@ -72,6 +74,43 @@ def test_headers_of_two_clocks_are_refused(tmp_path):
         RecordingError, match=r"/joint_states and /measured_force are of two clocks.*counts from a comp"
     ):
         read_recording(path, DEFAULT)
+
+
+@pytest.mark.parametrize("at", [100, 400])
+def test_a_clock_that_was_set_is_no_other_rate(tmp_path, at):
+    path = write(tmp_path / "bag", LOGGED + 3 * tiny.SECOND * (np.arange(COUNT) >= at))
+    with pytest.raises(RecordingError, match=rf"was set, they move by 3.000 s against each other after {at} messages"):
+        read_recording(path, DEFAULT)
+
+
+@pytest.mark.filterwarnings("error::ces_data.bags.reader.RecordingWarning")
+def test_topics_whose_clocks_differ_are_named_until_the_difference_is_given(tmp_path):
+    path = write(tmp_path / "bag", LOGGED, force_stamps=LOGGED - 800_000_000)
+    with pytest.raises(
+        RecordingWarning, match=r"of /measured_force are 0.800 s further behind .* than those of /joint"
+    ):
+        read_recording(path, DEFAULT)
+    recording = read_recording(path, Signals.from_mapping({"force": {"delay": -0.8}}, "signals.yaml"))
+    for name in ("force", "current"):
+        np.testing.assert_array_equal(recording.channel(name).stamps_ns, LOGGED)
+
+
+def test_a_few_empty_header_stamps_are_left_out_with_a_warning(tmp_path):
+    path = write(tmp_path / "bag", LOGGED, force_stamps=np.where(np.arange(COUNT) < 20, 0, LOGGED))
+    with pytest.warns(RecordingWarning, match=r"force: 20 of 600 messages on /measured_force have an empty header"):
+        assert len(read_recording(path, DEFAULT).channel("force")) == COUNT - 20
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.02])
+def test_two_publishers_of_one_joint_in_turn_are_named(tmp_path, apart):
+    def joint(k):
+        return ["rear_damper"], [0.01 * np.sin(0.05 * k) + apart * (k % 2)]
+
+    path = write(tmp_path / "bag", LOGGED, joint)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_recording(path, DEFAULT)
+    assert any("two publishers of one topic" in str(w.message) for w in caught) == bool(apart)
 
 
 BY_INDEX = Signals.from_mapping({"position": {"field": "position[0]"}}, "signals.yaml")
