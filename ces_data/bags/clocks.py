@@ -103,6 +103,6 @@ def find_shift(clocks: Sequence[HeaderClock], unstamped: Iterable[str], where: s
     if abs(behind) < RecordingLimits.CLOCK_OFFSET_S * SECOND:
         return 0, notes
     kind = "count from a computer's start and are" if clock.boot else "are"
-    size, side = abs(behind) / SECOND, "behind" if behind > 0 else "ahead of"
-    text = f"header stamps of {clock.topic} {kind} {size:.3f} s {side} the log's clock"
+    apart_s, side = abs(behind) / SECOND, "behind" if behind > 0 else "ahead of"
+    text = f"header stamps of {clock.topic} {kind} {apart_s:.3f} s {side} the log's clock"
     return behind, [*notes, f"{text}; {names} has no header, and its log times are moved by that"]
