@@ -102,7 +102,7 @@ def _of_series(log: TimedLog) -> LogCandidates:
             continue
         key = series.key or series.label
         if len(series.values) < TableLimits.MIN_SAMPLES or not np.isfinite(series.values).any():
-            reason = f"{series.label!r} has {np.isfinite(series.values).sum()} samples"
+            reason = f"{series.label!r} holds too few numbers ({np.isfinite(series.values).sum()})"
             unread.update(dict.fromkeys(_meanings(key), reason))
             continue
         name, unit = split_unit(DIALLED_PATH.sub("", key))
@@ -137,7 +137,8 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
         elif time is None or c.key != time.key:
             keys[c.label] = LogColumn(c.key)
             if there.sum() < TableLimits.MIN_SAMPLES:
-                unread.update(dict.fromkeys(_meanings(str(c.key)), f"{c.key!r} has {there.sum()} samples"))
+                reason = f"{c.key!r} holds too few numbers ({there.sum()} in {len(there)} rows)"
+                unread.update(dict.fromkeys(_meanings(str(c.key)), reason))
             else:
                 values = (stamps, c.values) if there.all() else (stamps[there], c.values[there])
                 timed = time is not None or known_rate is not None
