@@ -277,17 +277,30 @@ def _require_forward(
     what = f"{path}: {place(row + 1)}: time runs backwards, from {begin:.13g} s to {again:.13g} s{more}"
     usual = float(np.median(forward))
     cut = f"cut it before {place(row + 1)}"
+    given = f"give {rate.format(f'{1e9 / usual:.6g}')}, or {cut}" if rate else cut
     ordered = np.sort(stamps)
     if _is_even(ordered[1:] - ordered[:-1], usual):
         remedy = "rows are out of order, and no time is missing; sort the rows by time"
+    elif cause := _name_step_back(1e-9 * float(stamps[row] + usual - stamps[row + 1]), 1e-9 * usual):
+        remedy = f"{cause}; {given}"
     elif stamps[row + 1] <= (stamps[0] if first_ns is None else first_ns) + 2.0 * usual:
         remedy = f"it begins again: these are several recordings, or one in a loop; {cut}"
     elif rate and _is_even(forward, usual):
-        given = rate.format(f"{1e9 / usual:.6g}")
-        remedy = f"was the clock set back? If the sampling went on evenly, give {given}; if it stopped there, {cut}"
+        remedy = (
+            f"was the clock set back? If the sampling went on evenly, {given.replace(', or', '; if it stopped there,')}"
+        )
     else:
         remedy = f"was the clock set back? Then {cut}"
     raise RecordingError(f"{what}: {remedy}")
+
+
+def _name_step_back(back_s: float, usual_s: float) -> str:
+    """Return why a time may step back by just so much, '' if it is no such step."""
+    if abs(back_s - 3600.0) < usual_s:
+        return "it is an hour, as where summer time ends"
+    counters = ((bits, unit_s) for bits in (16, 32) for unit_s in (1e-3, 1e-6))
+    wraps = (bits for bits, unit_s in counters if abs(back_s - 2**bits * unit_s) < usual_s)
+    return next((f"a counter of {bits} bits began again at zero, and the time goes on" for bits in wraps), "")
 
 
 def _is_even(steps: Stamps, usual: float) -> bool:
