@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ces_data.logs.csv_cells import is_number, is_value
-from ces_data.logs.csv_form import CsvDialect, find_header, parse_lines
+from ces_data.logs.csv_form import CsvDialect, find_header, find_labelled_units, parse_lines, strip_units
 from ces_data.recording import Values
 from ces_data.units import find_unit
 from ces_observer.errors import RecordingError
@@ -145,6 +145,9 @@ def _make_block(content: mmap.mmap, header: _Header, end: int, title: str, path:
         lines.append(_decode(content[place : (place := _end_of_line(content, place))], dialect))
     rows = parse_lines(lines, dialect.delimiter)
     head, names, units, _ = find_header(rows, None, dialect.decimal)
+    stated = parse_lines(header.above, dialect.delimiter)
+    if not units and (labelled := find_labelled_units(stated)) is not None:
+        units = strip_units(stated[labelled][1])
     above = rows[head][0] - 1 if head < len(rows) else len(lines)  # lines from the names to the first row
     at = header.line + len(header.above)
     begin, line, where = _skip_lines(content, header.names, above), at + above - 1, f"{path}:{at}"

@@ -44,6 +44,12 @@ def clock(form):
         "# damper 17\n# " + NAMES + NAMES + TABLE,
         "# damper 17\n# " + NAMES.replace(",", " ") + TABLE.replace(",", " "),
         "time,position,current,force\nRT,LVDT,Clamp,HBM\n[s],[mm],[A],[N]\n" + TABLE,
+        '"path","","Time","Root/Stroke","Root/Current","Root/Force"\n"descr","","t","x","i","F"\n"unit","","s","mm","A","N"\n'
+        + '"values"\n'
+        + "".join(f",,{row}\n" for row in CELLS),
+        "Writer_Version,2\n***End_of_Header***,\nY_Unit_Label,mm,A,N,\nX0,0,0,0,\n***End_of_Header***,,,,\n"
+        "X_Value,Position,Current,Force,Comment\n" + TABLE,
+        "Model,X1\nVertical Units,mm,A,N\ntime_s,position,current,force\n" + TABLE,
         "s,mm,A,N\ntime,position,current,force\n" + TABLE,
         ",position,current,force\n,mm,A,N\ntime,,,\n" + TABLE,
         "waveform,[0],[1],[2]\nt0,1.5.2024 12:00:00,,\ndelta t,0.1,0.1,0.1\n" + NAMES + TABLE,
