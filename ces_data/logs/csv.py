@@ -193,7 +193,7 @@ class CsvTable(LogTable):
     def _begin_block(self, columns: Sequence[_Cells]) -> None:
         """Begin a block without rows; the columns of the block before say which are text."""
         self._lines = array("q")
-        self.breaks: list[int] = []
+        self.breaks: dict[int, bool] = {}
         self._columns = [_Cells(None if cells.texts is None else []) for cells in columns]
         self._dates_before = self._dates if columns else {}
         self._dates: dict[int, tuple[list[str], int]] = {}  # by column: the first text of all and the last, its stamp
@@ -204,7 +204,7 @@ class CsvTable(LogTable):
         for lines, rows, row_block in source:
             first = len(self._lines)
             if row_block is not self._row_block and self._row_block is not None:
-                self.breaks.append(first)
+                self.breaks[first] = row_block is not None and row_block.repeated
             self._row_block = row_block
             self._lines.frombytes(lines.tobytes())
             if isinstance(rows, np.ndarray):

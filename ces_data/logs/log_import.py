@@ -196,7 +196,7 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
         stamps = stamps + clock.shift_ns
     if len(stamps) != count:
         raise RecordingError(f"{table.path}: {len(stamps)} times for {count} values; expected one for each")
-    stamps = part_blocks(stamps, table.breaks, clock)
+    stamps = part_blocks(stamps, table.breaks, clock, timed=True)
     if not clock.rows and count:
         clock.first_ns, clock.first_place = int(stamps[0]), table.place(0)
     places: Callable[[int], str] = lambda row: table.place(row - 1) if row else clock.first_place  # noqa: E731
@@ -207,11 +207,16 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
     return stamps
 
 
-def part_blocks(stamps: Stamps, breaks: Sequence[int], clock: TableClock) -> Stamps:
-    """Return the stamps with a gap before each of these rows: a block may begin again at zero, or where one ended."""
+def part_blocks(stamps: Stamps, breaks: Mapping[int, bool], clock: TableClock, timed: bool = False) -> Stamps:
+    """Return the stamps with a gap before each of these rows: a block may begin again at zero, or where one ended.
+
+    Where the names alone came again, a time of the table may go on.
+    """
     moved = stamps + clock.gap_ns
-    for row in breaks:
+    for row, repeated in breaks.items():
         before = int(moved[row - 1]) if row else clock.last_ns
+        if timed and repeated and moved[row] > before:
+            continue
         gap_ns = max(0, before + round(TableLimits.BLOCK_GAP_S * 1e9) - int(moved[row]))
         moved[row:] += gap_ns
         clock.gap_ns += gap_ns
