@@ -131,6 +131,11 @@ class Model:
         return self
 
     @property
+    def used_ranges(self) -> Ranges:
+        """The envelope of the inputs that the structure uses, by name: others cannot be outside."""
+        return {name: self.envelope.by_signal[name] for name in self.body.uses}
+
+    @property
     def warm_up_s(self) -> float:
         """How long [s] the estimator withholds forces after a restart."""
         return max(self.sampling.warm_up_s, self.settles_s)

@@ -210,8 +210,8 @@ def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) ->
     for trace in traces:
         values = {signal: getattr(trace.inputs, signal)[trace.usable] for signal in ("position", "speed", "current")}
         beyond = np.zeros(int(trace.usable.sum()), bool)
-        for signal, taken in values.items():
-            low, high = model.envelope.by_signal[signal]
+        for signal, (low, high) in model.used_ranges.items():
+            taken = values[signal]
             slack = AgreementLimits.RANGE_SLACK * max(high - low, abs(high), abs(low))
             beyond |= (taken < low - slack) | (taken > high + slack)
         outside[trace.name] = float(beyond.mean()), "; ".join(map(str, find_outside(model, values)))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.limits import EnvelopeLimits
 from ces_identify.physical.quantities import curve_currents, curve_speeds
 from ces_identify.prepare.series import Series
 from ces_identify.structures import run_batch
@@ -19,7 +20,7 @@ from ces_report.typesetting import Chart, ChartCurve, minus
 RESTS = 2.0  # times the warm-up, for which the damper rests before a stroke
 CURVE_SPEEDS, MEDIANS = 20, 16  # on each side of zero, and of the measured force at a current
 MIN_TICKS = 10  # of a median
-RECORDED = (0.05, 0.95)  # quantiles of the currents, between which the curves lie
+DECIMALS = 9  # of a current [A]: rounding of the envelope
 NEAR_A = 0.05  # [A] of a current, at most: a valve's force changes by a few percent in it
 SPEED = "Speed [m/s], positive in compression"
 STEADY = (
@@ -31,8 +32,7 @@ STEADY = (
 def steady_section(model: Model, evaluations: Sequence[Evaluation]) -> Section:
     """Return the family of force over speed at currents that the model knows, with measured medians."""
     series = [e.series for e in evaluations]
-    low, high = np.quantile(np.concatenate([s.current[s.scored] for s in series]), RECORDED)
-    speeds, currents = curve_speeds(*model.envelope.speed_m_s, CURVE_SPEEDS), curve_currents(float(low), float(high))
+    speeds, currents = curve_speeds(*model.envelope.speed_m_s, CURVE_SPEEDS), recorded_currents(model)
     curves = []
     for current, forces in zip(currents, steady_forces(model, currents, speeds), strict=True):
         points = measured_medians(series, current, currents, model.envelope.position_m)
@@ -41,6 +41,13 @@ def steady_section(model: Model, evaluations: Sequence[Evaluation]) -> Section:
         curves.append(ChartCurve(name, speeds, forces, np.zeros(len(speeds)), recorded, points))
     chart = Chart("Force over speed", SPEED, "Force [N]", tuple(curves), STEADY)
     return Section("force-speed", "Force over speed at constant currents", charts=(chart,))
+
+
+def recorded_currents(model: Model) -> F:
+    """Return currents [A] from the lowest to the highest in the identification data, which the envelope exceeds."""
+    low, high = model.envelope.current_A
+    margin = EnvelopeLimits.INPUT_MARGIN / (1.0 + 2.0 * EnvelopeLimits.INPUT_MARGIN) * (high - low)
+    return np.clip(np.round(curve_currents(low + margin, high - margin), DECIMALS), low, high)
 
 
 def measured_medians(series: Sequence[Series], current: float, currents: F, stroke: Range) -> tuple[F, F]:

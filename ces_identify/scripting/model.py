@@ -25,10 +25,10 @@ from ces_identify.identification import identify
 from ces_identify.numerics.least_squares import one_blas_thread
 from ces_identify.numerics.search import SearchResult
 from ces_identify.options import IdentifyRequest
-from ces_identify.physical.quantities import curve_currents, curve_speeds
+from ces_identify.physical.quantities import curve_speeds
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.report.page import write_report
-from ces_identify.report.steady import CURVE_SPEEDS, steady_forces
+from ces_identify.report.steady import CURVE_SPEEDS, recorded_currents, steady_forces
 from ces_identify.scripting.progress import Progress
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.prediction import predict_series
@@ -126,13 +126,14 @@ class Model(model.Model):
     def force_speed(self, currents: ArrayLike | None = None, speeds: ArrayLike | None = None) -> Any:
         """Return steady forces [N] at mid-stroke as a DataFrame: a row for each current [A], a column for each speed.
 
-        Each is the force at the end of a stroke at constant speed [m/s] and current; by default those of the page. A
-        speed or current that is outside `envelope` by up to 1 % of its span counts as the end of it, with a warning.
+        Each is the force at the end of a stroke at constant speed [m/s] and current; by default those of the page,
+        with currents that were recorded. A speed or current outside `envelope` by up to 1 % of its span counts as the
+        end of it, with a warning.
         Raises CesError for others, and without pandas.
         """
         pandas, (slow, fast) = import_pandas(), self.envelope.speed_m_s
         default_speeds = np.clip(curve_speeds(slow, fast, CURVE_SPEEDS), slow, fast)
-        at = self._within("current", curve_currents(*self.envelope.current_A) if currents is None else currents, "A")
+        at = self._within("current", recorded_currents(self) if currents is None else currents, "A")
         v = self._within("speed", default_speeds if speeds is None else speeds, "m/s")
         index, columns = pandas.Index(at, name="current_A"), pandas.Index(v, name="speed_m_s")
         return pandas.DataFrame(steady_forces(self, at, v), index=index, columns=columns)

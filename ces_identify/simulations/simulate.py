@@ -22,10 +22,12 @@ def simulate_series(model: Model, series: Series) -> FreeRun:
 
 
 def outside_envelope(model: Model, series: Series) -> Mask:
-    """Return where (ticks,) an input of `series` is outside the model's envelope."""
-    ranges = model.envelope.by_signal.items()
-    outside = [(x < low) | (x > high) for name, (low, high) in ranges for x in (getattr(series, name),)]
-    return np.asarray(np.any(outside, axis=0))
+    """Return where (ticks,) an input of `series` that the model uses is outside its envelope."""
+    outside = np.zeros(len(series), bool)
+    for name, (low, high) in model.used_ranges.items():
+        values = getattr(series, name)
+        outside |= (values < low) | (values > high)
+    return outside
 
 
 @dataclass(frozen=True)

@@ -279,7 +279,7 @@ def explain_missing(evaluations: Sequence[Evaluation], floors: bool = True) -> l
 
 
 def outside_ranges(model: Model, series: Series) -> tuple[RangeUse, ...]:
-    """Return the signals that leave the model's envelope on the scored ticks, the one that does so longest first.
+    """Return the signals that the model uses and that leave its envelope on the scored ticks, the longest first.
 
     Without scored ticks (no measured force) all ticks count.
     """
@@ -290,8 +290,8 @@ def outside_ranges(model: Model, series: Series) -> tuple[RangeUse, ...]:
 def find_outside(model: Model, signals: Mapping[str, F]) -> tuple[RangeUse, ...]:
     """Return the same for arrays (n,) of position [m], speed [m/s] and current [A] by name."""
     uses = []
-    for name, values in signals.items():
-        low, high = model.envelope.by_signal[name]
+    for name, (low, high) in model.used_ranges.items():
+        values = signals.get(name, np.empty(0))
         share = float(np.mean((values < low) | (values > high))) if len(values) else 0.0
         if share > EnvelopeLimits.MIN_SHARE:
             uses.append(RangeUse(name, (float(values.min()), float(values.max())), (low, high), share))

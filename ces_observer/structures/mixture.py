@@ -6,7 +6,7 @@ combination is at most the weighted sum of its members' bounds, and it has forgo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import fsum
 from typing import Self
@@ -18,7 +18,7 @@ from ces_observer.limits import NumberLimits
 from ces_observer.proof.certificate import Certificate
 from ces_observer.proof.intervals import up
 from ces_observer.records import OneOf, bounded, items, part
-from ces_observer.structures.structure import OperatingRange, Range, Ranges, Structure
+from ces_observer.structures.structure import INPUTS, OperatingRange, Range, Ranges, Structure
 from ces_observer.tick import mixture as tick
 from ces_observer.tick.model import K_STRUCTURE, P_STRUCTURE, S_STRUCTURE
 from ces_observer.tick.structure import MIXTURE
@@ -123,6 +123,11 @@ class Mixture(Structure):
             for (option, size), weights in alike.items()
         ]
         return f"mean of {len(self.members)} models: {', '.join(sizes)}"
+
+    @property
+    def uses(self) -> Sequence[str]:
+        """The inputs that a member uses."""
+        return [name for name in INPUTS if any(name in member.body.uses for member in self.members)]
 
     @property
     def forgets_by_proof(self) -> bool:  # type: ignore[override]  # as its members

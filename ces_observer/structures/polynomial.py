@@ -24,7 +24,7 @@ from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import bound_maximum, down
 from ces_observer.records import OneOf, in_files, items
 from ces_observer.structures.constructed_inputs import BASE, KINDS, ConstructedInput, lay_out_constructed, with_bases
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.structure import INPUTS, OperatingRange, Ranges, Structure
 from ces_observer.structures.terms import Factor, Term, check_products, collect_constructed, define_factors
 from ces_observer.tick import polynomial as tick
 from ces_observer.tick.structure import POLYNOMIAL
@@ -69,6 +69,14 @@ class Polynomial(Structure):
     def constructed(self) -> tuple[ConstructedInput, ...]:
         """The constructed inputs of its terms, each after those from which it is computed."""
         return collect_constructed(self.terms)
+
+    @property
+    def uses(self) -> Sequence[str]:
+        """The inputs in its terms, and those from which constructed inputs are computed."""
+        used = {f.signal for term in self.terms for f in term.inputs}.union(
+            *(made.signals for made in self.constructed)
+        )
+        return [name for name in INPUTS if name in used]
 
     @property
     def size(self) -> str:

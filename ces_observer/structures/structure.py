@@ -113,6 +113,11 @@ class Structure(ABC):
         """The size, in words."""
 
     @property
+    def uses(self) -> Sequence[str]:
+        """The inputs on which its force may depend."""
+        return INPUTS
+
+    @property
     def outside(self) -> str:
         """What becomes of inputs outside the envelope, in words."""
         return "clamped to it"

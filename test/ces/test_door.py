@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -125,6 +126,9 @@ def test_steady_forces_follow_speed_and_current(model):
         assert list(model.force_speed(0.5, [0.0, 1.001 * high]).columns) == [0.0, high]
     whole = model.force_speed()
     assert whole.columns[0] == low and whole.columns[-1] == high and len(whole) > 1
+    for known, recorded in (((-0.1, 1.1), (0.0, 1.0)), ((1 / 3, 1 / 3), (1 / 3, 1 / 3))):  # the envelope is wider
+        within = replace(model, envelope=replace(model.envelope, current_A=known))
+        assert tuple(within.force_speed(speeds=0.1).index[[0, -1]]) == recorded
 
 
 DOUBTS = {

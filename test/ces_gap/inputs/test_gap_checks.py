@@ -173,9 +173,8 @@ def test_a_constant_force_is_refused():
 
 def model(**ranges):
     bounds = {"position_m": (-0.02, 0.02), "speed_m_s": (-0.6, 0.6), "current_A": (0.3, 0.9), **ranges}
-    return Model(
-        make_sampling(500.0, 0.02), Polynomial((Term(900.0, (Factor("speed", 0),)),)), Envelope(**bounds), (-3e4, 3e4)
-    )
+    terms = tuple(Term(gain, (Factor(signal, 0),)) for signal, gain in (("speed", 900.0), ("current", 1.0)))
+    return Model(make_sampling(500.0, 0.02), Polynomial(terms), Envelope(**bounds), (-3e4, 3e4))
 
 
 def partly_missing():

@@ -1,5 +1,7 @@
 """Signals outside a model's envelope are named with both ranges."""
 
+from dataclasses import replace
+
 import numpy as np
 from samplings import make_sampling
 
@@ -13,14 +15,19 @@ from ces_identify.validation.evaluate import (
     outside_ranges,
 )
 from ces_observer.model import Envelope, Model
+from ces_observer.structures.constructed_inputs import Hysteresis
+from ces_observer.structures.mixture import Mixture, WeightedModel
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 N = 2000
 
 
-def model(position=(-1.0, 1.0), speed=(-9.0, 9.0), current=(-9.0, 9.0)):
-    body = Polynomial((Term(1000.0, (Factor("speed", 0),)),))
+FACTORS = tuple(Factor(signal, 0) for signal in ("position", "speed", "current"))
+
+
+def model(position=(-1.0, 1.0), speed=(-9.0, 9.0), current=(-9.0, 9.0), factors=FACTORS):
+    body = Polynomial((Term(1000.0, factors),))
     return Model(make_sampling(outlier_m=0.02), body, Envelope(position, speed, current), (-1e6, 1e6))
 
 
@@ -40,6 +47,19 @@ def test_signal_and_both_ranges_are_named_with_equal_decimals():
     assert use.outside_share == 1.0
     (use,) = outside_ranges(model(current=(0.29, 0.4)), series())
     assert str(use) == "current 0.5000 A, model knows 0.2900 to 0.4000"
+
+
+def test_a_signal_that_the_model_does_not_use_is_never_outside():
+    """The mounting offset of a position that is in no term was told of, for all of the time."""
+    elsewhere = {"position": (-0.0044, 0.0005)}
+    stop = Factor("soft", 0, definition=Hysteresis("soft", "stop", "position", 0.002))
+    (unused,), (used,) = (
+        evaluate(model(**elsewhere, factors=factors), [series()], VALIDATION) for factors in (FACTORS[1:], (stop,))
+    )
+    assert (unused.outside, unused.warnings, unused.outside_share) == ((), [], 0.0)
+    assert (used.outside[0].signal, used.outside_share) == ("position", 1.0)
+    parts = [WeightedModel(0.5, model(factors=(factor,)).body, (-1e6, 1e6)) for factor in FACTORS[:2]]
+    assert list(replace(model(), body=Mixture(tuple(parts))).used_ranges) == ["position", "speed"]
 
 
 def test_the_signal_that_is_outside_longest_comes_first():
