@@ -139,7 +139,9 @@ class CsvTable(LogTable):
                     raise ValueError(text, row)
             return np.array([int(text) * EXACT_UNITS[column.unit] for text in cells.texts], dtype=np.int64)
         except OverflowError:
-            raise RecordingError(f"{where} has a time beyond the year 2262; check its unit") from None
+            text = "has a time beyond the year 2262; check its unit"
+            dated = f"if it is a date without marks, give date: '%Y%m%d%H%M%S%f' in {self.mapping.source}"
+            raise RecordingError(f"{where} {text} ({dated})") from None
         except csv_cells.AmbiguousDateError as error:
             raise RecordingError(
                 f"{where}: {str(error)!r} may be month/day or day/month; set date: "

@@ -212,3 +212,10 @@ def test_a_time_cut_to_seconds_is_no_other_time(tmp_path):
 @pytest.mark.parametrize(("name", "per_s"), [("time_min", 1 / 60), ("t_h", 1 / 3600)])
 def test_minutes_and_hours_in_a_name_of_a_time(tmp_path, name, per_s):
     assert_recording(read(tmp_path, with_times([f"{t * per_s:.12f}" for t in T], name)), slow=False)
+
+
+@pytest.mark.parametrize("coarse", [clock("%H:%M:%S"), [str(int(9 + t)) for t in T]])
+def test_a_time_in_seconds_does_not_hide_a_finer_one(tmp_path, coarse):
+    rows = [f"{c},{1e3 * t:.0f},{row.split(',', 1)[1]}" for c, t, row in zip(coarse, T, CELLS, strict=True)]
+    text = "timestamp,ms,position_mm,current_A,force_N\n" + "\n".join(rows) + "\n"
+    assert_recording(read(tmp_path, text), slow=False)
