@@ -1,5 +1,6 @@
 """Text tables as other programs write them: headers, comments, clocks and spellings that `ces import` finds."""
 
+import json
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -219,3 +220,29 @@ def test_a_time_in_seconds_does_not_hide_a_finer_one(tmp_path, coarse):
     rows = [f"{c},{1e3 * t:.0f},{row.split(',', 1)[1]}" for c, t, row in zip(coarse, T, CELLS, strict=True)]
     text = "timestamp,ms,position_mm,current_A,force_N\n" + "\n".join(rows) + "\n"
     assert_recording(read(tmp_path, text), slow=False)
+
+
+DATES = clock("%Y-%m-%dT%H:%M:%S.%fZ")
+KEYS = ("time", "position_mm", "current_A", "force_N")
+LISTS = dict(zip(KEYS, (DATES, *(values.tolist() for values in SIGNALS[1:])), strict=True))
+
+
+@pytest.mark.parametrize(
+    "tree", [LISTS, [dict(zip(KEYS, row, strict=True)) for row in zip(*LISTS.values(), strict=True)]]
+)
+def test_dates_in_json(tmp_path, tree):
+    recording = read(tmp_path, json.dumps(tree), name="log.json")
+    assert_recording(recording, start_ns=round(NOON.timestamp() * 1e9), slow=False)
+
+
+def test_names_beside_a_matrix_of_json(tmp_path):
+    rows = np.stack(SIGNALS, axis=1).tolist()
+    text = json.dumps({"columns": ["time_s", *KEYS[1:]], "index": list(range(len(T))), "data": rows})
+    assert_recording(read(tmp_path, text, name="log.json"), slow=False)
+
+
+def test_a_cell_of_json_that_is_no_date_is_named(tmp_path):
+    tree = {**LISTS, "time": [*DATES[:7], "noon", *DATES[8:]]}
+    assert "row 7: column 'time' is 'noon'; expected a number, or a date like" in str(
+        propose(tmp_path, json.dumps(tree), name="log.json").doubts[0]
+    )
