@@ -382,4 +382,6 @@ class CsvTable(LogTable):
         elif not text.strip() or csv_cells.is_missing(text):
             kind = "that" if text.strip() else "a blank"
             expected = f"a number (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
+        elif not any(map(str.isdigit, text)):
+            expected = "a number (a line that is no row, as of a footer, has to go)"
         return RecordingError(f"{where} is {text!r}; expected {expected}")

@@ -125,6 +125,7 @@ def test_missing_numbers_in_any_spelling_are_missing_samples_and_counted(tmp_pat
     ("text", "message"),
     [
         (NAMES + TABLE + "9.5,1.0,0.3,oops\n", "force: line 1202: column 'force_N' is 'oops'; expected a number"),
+        (NAMES + TABLE + "Mean,1.0,0.3,5.0\n", "'time_s' is 'Mean'; expected a number (a line that is no row, as of a"),
         (NAMES + TABLE + "END OF DATA\n", "log.csv:1202: the line has 1 cells, others have 4; write"),
         (with_times(clock("%m/%d/%Y %H:%M:%S.%f")), "month/day or day/month; set date: '%m/%d/%Y %H:%M:%S.%f' or"),
         (with_times(clock("%Y-%m-%d %H:%M:%S")), "different times in 1200 rows, too coarse"),
@@ -161,6 +162,15 @@ def test_rows_that_begin_with_blank_cells_keep_their_header(tmp_path):
     proposal = propose(tmp_path, NAMES + "\n".join(rows) + "\n")
     assert proposal.log.names == ("time_s", "position_mm", "current_A", "force_N")
     assert "blank cells are missing samples (3 of position, 3 of force)" in proposal.found
+
+
+def test_a_header_whose_lines_begin_with_names_above_rows_that_begin_blank(tmp_path):
+    """LabVIEW's LVM without X columns."""
+    head = "Channels,3,,,\nY_Unit_Label,mm,A,N,\nX0,0.0,0.0,0.0,\nX_Value,Position,Current,Force,Comment\n"
+    (tmp_path / "log.lvm").write_text(head + "\n".join("," + row.split(",", 1)[1] for row in CELLS) + "\n")
+    proposal = propose_mapping(tmp_path / "log.lvm", rate=500.0)
+    assert proposal.doubts == ()
+    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
 
 
 def table(*columns):
