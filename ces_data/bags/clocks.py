@@ -90,11 +90,11 @@ def find_shift(clocks: Sequence[HeaderClock], unstamped: Iterable[str], where: s
         return 0, notes
     clock = max(clocks, key=lambda clock: abs(clock.growth_ns))
     if abs(clock.growth_ns) > DriftLimits.MIN_CHANGE_S * SECOND:
-        size = f"{abs(clock.growth_ns) / SECOND:.3f} s"
+        moved = f"{abs(clock.growth_ns) / SECOND:.3f} s"
         text = f"the header clock of {clock.topic} runs at {clock.rate:.4g} times the speed of the log's"
-        grows = f"they are {size} further apart at the end"
+        grows = f"they are {moved} further apart at the end"
         if clock.jump:
-            text, grows = f"the clock of the log or of the headers of {clock.topic} was set", f"they move by {size}"
+            text, grows = f"the clock of the log or of the headers of {clock.topic} was set", f"they move by {moved}"
             grows += f" against each other after {clock.jump} messages"
         remedy = f"no time of {names}, which has no header, fits; record it with a stamped type"
         raise RecordingError(f"{where}: {text}, {grows}; {remedy}")

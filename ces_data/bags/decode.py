@@ -188,6 +188,12 @@ def _make_part(description: FieldDesc, typestore: Typestore) -> Part:
     raise TypeError(description)
 
 
+def undecodable(where: str, kind: str, error: Exception) -> RecordingError:
+    """Return the error for a message whose bytes are not those of its type."""
+    remedy = "is the file damaged? Then copy it again"
+    return RecordingError(f"{where}: a message cannot be decoded as {kind}: {error}; {remedy}")
+
+
 class MessageDecoder:
     """Reads the stamp, if the type has a header, and the numbers at `paths` from every message of a topic.
 
@@ -228,7 +234,7 @@ class MessageDecoder:
         try:
             return element_name(self.typestore.deserialize_cdr(raw, self.kind), path)
         except DAMAGED as error:
-            raise RecordingError(f"{self.where}: a message cannot be decoded as {self.kind}: {error}") from None
+            raise undecodable(self.where, self.kind, error) from None
 
     def _contradicts(self, i: int, name: str, count: int) -> bool:
         """Return whether so many messages have another name at number i than the first message."""
@@ -251,7 +257,7 @@ class MessageDecoder:
             try:
                 self._learn(length, block, rows, values, present)
             except DAMAGED as error:
-                raise RecordingError(f"{self.where}: a message cannot be decoded as {self.kind}: {error}") from None
+                raise undecodable(self.where, self.kind, error) from None
         stamps = np.zeros(len(block), dtype=np.int64)
         if self.stamp:
             stamps += values[:, 0].astype(np.int64) * 1_000_000_000 + values[:, 1].astype(np.int64)

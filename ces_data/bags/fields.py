@@ -20,7 +20,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from ces_data.bags.clocks import compare_clocks, find_shift
-from ces_data.bags.decode import DAMAGED, HEADER, Block, MessageDecoder, TopicSamples
+from ces_data.bags.decode import DAMAGED, HEADER, Block, MessageDecoder, TopicSamples, undecodable
 from ces_data.bags.storage import Bag, Topic, open_bag
 from ces_data.recording import Stamps, Values
 from ces_observer.cdr.layout import JOINT_NAMES
@@ -151,7 +151,7 @@ def _make_decoder(bag: Bag, topic: Topic, block: Block) -> MessageDecoder | str:
     except CesError as error:
         return str(error).removeprefix(f"{bag.path}: ")
     except DAMAGED as error:
-        raise RecordingError(f"{where}: a message cannot be decoded as {topic.type}: {error}") from None
+        raise undecodable(where, topic.type, error) from None
     return MessageDecoder(topic.type, paths, typestore, where) if paths else "no numbers"
 
 

@@ -68,8 +68,8 @@ def truncation_error(path: Path, size: int) -> RecordingError:
     """Return the error for a file that ends after `size` bytes, too early."""
     return RecordingError(
         f"{path}: the file ends early, after {size} bytes and without an MCAP footer (recording interrupted or copy"
-        f" incomplete?); copy it again, or, if the recorder was killed, give the folder that it left instead,"
-        f" or save what is there: mcap recover {path.name} -o recovered.mcap"
+        f" incomplete?); copy it again, or, if the recorder was killed, give the folder that it left, without"
+        f" metadata.yaml, or save what is there: mcap recover {path.name} -o recovered.mcap"
     )
 
 

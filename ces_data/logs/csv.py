@@ -139,7 +139,9 @@ class CsvTable(LogTable):
                     raise ValueError(text, row)
             return np.array([int(text) * EXACT_UNITS[column.unit] for text in cells.texts], dtype=np.int64)
         except OverflowError:
-            raise RecordingError(f"{where} has a time beyond the year 2262; check its unit") from None
+            text = "has a time beyond the year 2262; check its unit"
+            dated = f"if it is a date without marks, give date: '%Y%m%d%H%M%S%f' in {self.mapping.source}"
+            raise RecordingError(f"{where} {text} ({dated})") from None
         except csv_cells.AmbiguousDateError as error:
             raise RecordingError(
                 f"{where}: {str(error)!r} may be month/day or day/month; set date: "
@@ -380,4 +382,6 @@ class CsvTable(LogTable):
         elif not text.strip() or csv_cells.is_missing(text):
             kind = "that" if text.strip() else "a blank"
             expected = f"a number (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
+        elif not any(map(str.isdigit, text)):
+            expected = "a number (a line that is no row, as of a footer, has to go)"
         return RecordingError(f"{where} is {text!r}; expected {expected}")

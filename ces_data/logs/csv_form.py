@@ -226,7 +226,10 @@ def _find_first_row(rows: Rows, width: int, decimal: str) -> int | None:
     wide = [row for row in texts if len(row) >= width]
     filled = {i for row in wide for i, text in enumerate(row) if text}
     words = filled - {i for row in wide for i, text in enumerate(row) if text and is_value(text, decimal)}
+    blank_first = not any(row[0] for row in texts[-LAST_ROWS:] if row)
     for at, row in enumerate(texts):
+        if blank_first and row and row[0]:  # a line of the header that begins with its name
+            continue
         others = [text for i, text in enumerate(row) if i not in words]
         if len(rows[at][1]) < width or not any(is_number(text, decimal) for text in others):
             continue

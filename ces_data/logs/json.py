@@ -6,15 +6,16 @@ import json
 import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ces_data.logs.csv_cells import AmbiguousDateError, is_date, parse_dates
 from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, Progress, TimedLog
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
-from ces_data.recording import Values
+from ces_data.logs.matlab_objects import MatlabObject, describe_object, describe_objects
+from ces_data.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
 TIME_KEYS = ("Time", "time", "t")
@@ -25,24 +26,7 @@ INDEXED = re.compile(r"(.+?)(\((?:\d+|:,\d+)\)|\{\d+\}|\[\d+\])$")
 DATA_OF = re.compile(r"(?:(.+)\.)?(\w+)Data(?:\(:,(\d+)\))?")  # columns of System Identification Toolbox's iddata
 MAX_COLUMNS = 32  # of a matrix, that have names
 NO_NUMBERS = (ValueError, TypeError, OverflowError)  # the last for a whole number that no float holds
-MAX_SHOWN = 3
 COMPLEX = "holds complex numbers; expected real ones"
-REMEDIES = {  # MATLAB code that saves an object NAME as a structure that is read
-    "timeseries": "NAME = struct('time', NAME.Time, 'data', squeeze(NAME.Data)); save('plain.mat', 'NAME')",
-    "table": "s = table2struct(NAME, 'ToScalar', true); save('plain.mat', '-struct', 's')",
-    "timetable": "s = table2struct(timetable2table(NAME, 'ConvertRowTimes', false), 'ToScalar', true); "
-    "t = NAME.Properties.RowTimes; s.t = seconds(t - t(1)); save('plain.mat', '-struct', 's')",
-    "Simulink.SimulationData.Dataset": "s = struct(); for k = 1:NAME.numElements, e = NAME{k}; "
-    "s.(matlab.lang.makeValidName(e.Name)) = struct('time', e.Values.Time, 'data', squeeze(e.Values.Data)); end; "
-    "save('plain.mat', '-struct', 's')",
-}
-
-
-@dataclass(frozen=True)
-class MatlabObject:
-    """An object, whose content is not read; `kind` is its class."""
-
-    kind: str
 
 
 class TimedValues(NamedTuple):
@@ -91,18 +75,18 @@ class TreeTable(LogTable):
         self.tree, self.root = tree, _follow_route(path, tree, self.rows)
         if not len(self.root):
             raise RecordingError(f"{path}: '{mapping.rows or 'the file'}' is empty; expected rows of numbers")
-        self.names = mapping.names or (() if mapping.signals else tuple(self._find_names()))
+        self.names = mapping.names or self._names_beside() or (() if mapping.signals else tuple(self._find_names()))
         if isinstance(self.root, Mapping) and not mapping.signals:
             objects = [(name, value) for name, value in _walk(self.root) if isinstance(value, MatlabObject)]
-            self.unread = {name: _describe_object(value, name) for name, value in objects}
+            self.unread = {name: describe_object(value, name) for name, value in objects}
             self.unread |= {str(n): f"'{n}' {COMPLEX}" for n, value in self.root.items() if _is_complex(value)}
             if self.unread and not self.names:
-                raise RecordingError(f"{path}: {_describe_objects(objects) or next(iter(self.unread.values()))}")
+                raise RecordingError(f"{path}: {describe_objects(objects) or next(iter(self.unread.values()))}")
 
     def column(self, key: str | int) -> Values:
         """Return a column; raises RecordingError naming the row of a cell that is not a number."""
         cells = self._cells(key)
-        if opaque := _describe_object(cells, str(key)):
+        if opaque := describe_object(cells, str(key)):
             raise RecordingError(f"{self.path}: {opaque}")
         if _is_complex(cells):
             raise RecordingError(f"{self.path}: column {key!r} {COMPLEX}")
@@ -117,6 +101,21 @@ class TreeTable(LogTable):
         if numbers.ndim != 1:
             raise RecordingError(f"{self.path}: column {key!r} has shape {numbers.shape}; expected one number a row")
         return numbers
+
+    def stamps(self, column: LogColumn) -> Stamps | None:
+        """Return the times of a column of dates, None for numbers."""
+        cells = self._cells(column.key)
+        if not isinstance(cells, list) or not cells or not isinstance(cells[0], str):
+            return None
+        try:
+            return parse_dates([str(cell) for cell in cells], column.date)
+        except AmbiguousDateError as error:
+            text = f"{str(error)!r} may be month/day or day/month; set date: '%d/%m/%Y %H:%M:%S.%f' or '%m/%d/...'"
+            raise RecordingError(f"{self.path}: column {column.key!r}: {text} in a mapping") from None
+        except ValueError as error:
+            bad, row = error.args
+            expected = "expected a number, or a date like 2024-12-31T23:59:59.5Z (a mapping gives other forms: date:)"
+            raise RecordingError(f"{self.path}: row {row}: column {column.key!r} is {bad!r}; {expected}") from None
 
     @property
     def width(self) -> int:
@@ -146,11 +145,18 @@ class TreeTable(LogTable):
         at = int(match[3] or 1) - 1 if match else 0
         return str(several[at]) if at < len(several) else ""
 
+    def _names_beside(self) -> tuple[str, ...]:
+        """Return the texts beside a matrix, one for each column, as pandas writes them with `split`."""
+        several = self.tree.values() if isinstance(self.tree, Mapping) and not isinstance(self.root, Mapping) else ()
+        lists = (list(map(str, v)) for v in several if isinstance(v, list | np.ndarray) and _is_texts(v))
+        return next((tuple(names) for names in lists if len(names) == self.width), ())
+
     def _find_names(self) -> Iterator[str]:
         """Yield the paths to the columns that have names; those of single numbers, such as a rate, after the arrays."""
         if isinstance(self.root, Mapping):
             arrays = list(_list_arrays(self.root))
             yield from arrays
+            yield from (name for name, v in self.root.items() if isinstance(v, list) and v and is_date(str(v[0])))
             for name, value in _walk(self.root) if arrays else ():
                 if not _is_complex(value) and np.size(value) == 1 and np.asarray(value).dtype.kind in "iuf":
                     yield name
@@ -237,7 +243,7 @@ def _follow_route(path: Path, tree: Any, route: str, scalar: bool = False) -> An
             name, index = INDEXED.match(step).groups()  # type: ignore[union-attr]
             inner = _follow_route(path, tree, name)
             tree = _take_part(inner, index, f"{path}: '{route}'")
-        if opaque := _describe_object(tree, step):
+        if opaque := describe_object(tree, step):
             raise RecordingError(f"{path}: {opaque}")
     if not isinstance(tree, Mapping | list | np.ndarray) and not (scalar and isinstance(tree, int | float)):
         raise RecordingError(f"{path}: '{route}' is a {type(tree).__name__}; expected a table")
@@ -344,12 +350,18 @@ def _structures(value: Any) -> list[Mapping[str, Any]]:
     return [structure for structure in several if isinstance(structure, Mapping)]
 
 
+def _is_texts(value: Any) -> bool:
+    return len(value) > 0 and all(isinstance(item, str) for item in value)
+
+
 def _is_complex(value: Any) -> bool:
     return isinstance(value, np.ndarray) and np.iscomplexobj(value)
 
 
 def _find_rows(tree: Any, prefix: str = "") -> str:
     """Return the path to the first matrix, or list of rows or mappings, in a tree without named columns, else ''."""
+    if isinstance(tree, Mapping) and {"columns", "data"} <= tree.keys():  # pandas' `split`, with an index beside
+        return f"{prefix}data"
     if not isinstance(tree, Mapping) or next(_list_arrays(tree), None) is not None:
         return ""
     for name, value in tree.items():
@@ -374,22 +386,3 @@ def _as_numbers(value: Any) -> Values | None:
     except NO_NUMBERS:
         return None
     return numbers if numbers.ndim == 1 else None
-
-
-def _describe_object(value: object, where: str) -> str:
-    """Return what to do about a value that is a MATLAB object, '' for any other value."""
-    if not isinstance(value, MatlabObject):
-        return ""
-    code = REMEDIES.get(value.kind, "").replace("NAME", where)
-    remedy = f"in MATLAB: {code}" if code else "save its numbers as vectors or as a structure"
-    return f"'{where}' is a MATLAB object ({value.kind}), which is not read; {remedy}"
-
-
-def _describe_objects(objects: Sequence[tuple[str, MatlabObject]]) -> str:
-    """Return which objects a tree holds and what to do about one of them, '' if it holds none."""
-    if not objects:
-        return ""
-    (name, kind_of_first), *rest = sorted(objects, key=lambda named: named[1].kind not in REMEDIES)
-    others = [f"'{other}' ({value.kind})" for other, value in rest[:MAX_SHOWN]]
-    more = [f"{len(rest) - MAX_SHOWN} more"] if len(rest) > MAX_SHOWN else []
-    return _describe_object(kind_of_first, name) + (f"; likewise {', '.join([*others, *more])}" if others else "")

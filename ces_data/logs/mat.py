@@ -16,9 +16,10 @@ import numpy as np
 import scipy.io
 from scipy.io.matlab import MatlabOpaque, MatReadWarning, varmats_from_mat
 
-from ces_data.logs.json import MatlabObject, open_tree
+from ces_data.logs.json import open_tree
 from ces_data.logs.log_file import LogTable, Progress, TimedLog, import_reader
 from ces_data.logs.log_mapping import DynoMapping
+from ces_data.logs.matlab_objects import MatlabObject
 from ces_observer.errors import RecordingError
 
 SYSTEM = "MCOS"  # MATLAB's class system, beside the class in what scipy reads

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -146,8 +146,10 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
             else:
                 values = (stamps, c.values) if there.all() else (stamps[there], c.values[there])
                 timed = time is not None or known_rate is not None
-                candidates.append(Candidate(c.label, (c.name,), *values, unit=c.unit, stated=c.stated, timed=timed))
-    if reason := _describe_long(table, columns) or ("" if candidates or unread else "no column holds numbers"):
+                kept = Candidate(c.label, (c.name,), *values, unit=c.unit, stated=c.stated, timed=timed)
+                candidates.append(replace(kept, contrary=c.contrary))
+    empty = not unread and not any(np.isfinite(c.values).any() for c in columns)
+    if reason := "no column holds numbers" if empty else _describe_long(table, columns):
         unread[ANY] = reason
     for name, reason in table.unread.items():
         unread.update(dict.fromkeys((ANY, *_meanings(name)), reason))
@@ -193,5 +195,6 @@ def _read_columns(table: LogTable) -> tuple[list[TableColumn], dict[str, str]]:
         where = "from the header" if stated else "from its name" if unit else ""
         if other := "" if stated or unit else find_other_unit(table.unit(key) or str(name)):
             where = other
-        columns.append(TableColumn(key, values, stated or unit, plain, where))
+        differs = stated and unit and stated.quantity == unit.quantity and stated != unit
+        columns.append(TableColumn(key, values, stated or unit, plain, where, unit.text if unit and differs else ""))
     return columns, unread

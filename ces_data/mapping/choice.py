@@ -299,6 +299,8 @@ def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[st
     stated, usual = rating.candidate.unit is not None, unit is not None and unit.text in SI
     guessed = usual and not stated and not rating.candidate.kind and OR in text  # messages of ROS are in SI units
     doubts = [*checks, *rating.against]
+    if contrary := rating.candidate.contrary:
+        doubts.append(f"its name says {contrary}, and the file states {unit.text if unit else 'another unit'}")
     if unit is None or not (stated or usual):
         doubts.append(text)
     if not rating.named or ALONE in rating.reasons:

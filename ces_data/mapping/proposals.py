@@ -39,6 +39,7 @@ MAPPING_HEAD = """\
 """
 AMPERES = re.compile(r"(?<![0-9.])([0-9]+(?:\.[0-9]+)?) ?A(?![A-Za-z0-9])")
 NAME_PATTERN = '"([0-9]+(?:[.][0-9]+)?) ?A(?![A-Za-z0-9])"'
+NO_NUMBER = ("expected a number", "has to go)")  # ends of reasons that no mapping resolves
 GIVE_RATE = "; give --rate HZ"
 NO_TIME = f"no column is named like a time and goes forward{GIVE_RATE}"
 REQUIRED = ("position", "current", "force")
@@ -174,7 +175,7 @@ def propose_for(
     mapping = None if writer.missing else parse_mapping_without_force(yaml.safe_load(text), source)
     # a mapping may resolve the form of a time; what may be any signal is the fault of each
     causes = [(s, why) for key, why in unread.items() for s in (REQUIRED if key == ANY else (key,))]
-    faults = frozenset(f"{s}: {why}" for s, why in causes if s != "time" or why.endswith("expected a number"))
+    faults = frozenset(f"{s}: {why}" for s, why in causes if s != "time" or why.endswith(NO_NUMBER))
     doubts = (*writer.missing, *writer.doubts)
     return MappingProposal(selection, text, mapping, log, doubts, writer.remarks, tuple(writer.summary()), faults)
 

@@ -39,6 +39,7 @@ class Candidate:
     unit: Unit | None = None
     stated: str = ""
     timed: bool = True
+    contrary: str = ""  # the unit in its name, if the file states another
 
     @cached_property
     def finite(self) -> Values:
@@ -331,8 +332,7 @@ def _remarks(candidate: Candidate, signal: str) -> Iterator[tuple[float, str]]:
         yield RatingLimits.SLIGHT, "held between steps"
 
 
-BIN_S = 0.005
-MAX_BINS = 100_000
+BIN_S, MAX_BINS = 0.005, 100_000
 UNIT_RATIOS = (1.0, 1e-3, 1e3, 1e-2, 1e2)
 
 

@@ -46,6 +46,7 @@ class TableColumn:
     unit: Unit | None
     name: str
     stated: str
+    contrary: str = ""  # the unit in its name, if the file states another
 
     @property
     def label(self) -> str:
@@ -101,25 +102,33 @@ class TableColumn:
 def find_time(table: LogTable, columns: Sequence[TableColumn], unread: dict[str, str]) -> LogColumn | None:
     """Return the column of the time: dates and exact stamps first, then a time by name or unit that goes forward."""
     dates = _find_dates(table, columns, unread)
-    if dates or "time" in unread:
+    if not is_coarse(table.stamps(dates)) if dates else "time" in unread:
         return dates
     if counted := next(filter(None, map(_find_calendar, columns)), None):
         return counted
     lengths = Counter(len(c.values) for c in columns if len(c.values) >= TableLimits.MIN_SAMPLES)
     rows = lengths.most_common(1)[0][0] if lengths else 0
     as_long = [c for c in columns if len(c.values) == rows]  # others cannot be the time of the rows
-    for c in sorted((c for c in as_long if c.goes_forward), key=lambda c: c.time_unit is None):
-        if c.time_unit or c.named_time or split_words(c.name) in TIME_AXES:
-            return c.as_time()
-    for c in as_long:  # whose fault is reported when it is read
+    forward = [c for c in as_long if c.goes_forward]
+    for c in sorted(forward, key=lambda c: (is_coarse(c.values), c.time_unit is None)):
+        if c.time_unit or c.named_time or split_words(c.name) in (*TIME_AXES, *((unit,) for unit in UNIT_S)):
+            return dates if dates and is_coarse(c.values) else c.as_time()
+    for c in [] if dates else as_long:  # whose fault is reported when it is read
         finite = c.values[np.isfinite(c.values)]
         words = split_words(c.name)
         named = c.time_unit or c.named_time or "time" in words or (table.breaks and words in TIME_AXES[1:])
         if named and len(finite) > 1 and np.ptp(finite) > 0.0:
             return c.as_time()
-    if not table.names:
-        return next((LogColumn(c.key) for c in columns[:1] if c.goes_forward), None)
+    if dates or not table.names:
+        return dates or next((LogColumn(c.key) for c in columns[:1] if c.goes_forward), None)
     return _find_even(as_long) if not any(map(holds_rate, columns)) else None
+
+
+def is_coarse(times: Values | Stamps | None) -> bool:
+    """Return whether times that go forward are the same in several rows, as those that are cut to seconds."""
+    if times is None or not len(times):
+        return False
+    return len(times) > TableLimits.MAX_ROWS_PER_TIME * (1 + int(np.count_nonzero(np.diff(times))))
 
 
 def _find_even(columns: Sequence[TableColumn]) -> LogColumn | None:

@@ -10,7 +10,8 @@ from scipy.io.matlab import MatlabOpaque
 
 from ces_data.logs.log_import import import_log, to_recording
 from ces_data.logs.log_mapping import parse_dyno_mapping
-from ces_data.logs.mat import MatlabObject, open_mat73, replace_objects
+from ces_data.logs.mat import open_mat73, replace_objects
+from ces_data.logs.matlab_objects import MatlabObject
 from ces_data.mapping.proposals import propose_mapping
 from ces_observer.errors import CesError, RecordingError
 

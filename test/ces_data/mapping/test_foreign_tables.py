@@ -1,5 +1,6 @@
 """Text tables as other programs write them: headers, comments, clocks and spellings that `ces import` finds."""
 
+import json
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -124,6 +125,7 @@ def test_missing_numbers_in_any_spelling_are_missing_samples_and_counted(tmp_pat
     ("text", "message"),
     [
         (NAMES + TABLE + "9.5,1.0,0.3,oops\n", "force: line 1202: column 'force_N' is 'oops'; expected a number"),
+        (NAMES + TABLE + "Mean,1.0,0.3,5.0\n", "'time_s' is 'Mean'; expected a number (a line that is no row, as of a"),
         (NAMES + TABLE + "END OF DATA\n", "log.csv:1202: the line has 1 cells, others have 4; write"),
         (with_times(clock("%m/%d/%Y %H:%M:%S.%f")), "month/day or day/month; set date: '%m/%d/%Y %H:%M:%S.%f' or"),
         (with_times(clock("%Y-%m-%d %H:%M:%S")), "different times in 1200 rows, too coarse"),
@@ -160,6 +162,15 @@ def test_rows_that_begin_with_blank_cells_keep_their_header(tmp_path):
     proposal = propose(tmp_path, NAMES + "\n".join(rows) + "\n")
     assert proposal.log.names == ("time_s", "position_mm", "current_A", "force_N")
     assert "blank cells are missing samples (3 of position, 3 of force)" in proposal.found
+
+
+def test_a_header_whose_lines_begin_with_names_above_rows_that_begin_blank(tmp_path):
+    """LabVIEW's LVM without X columns."""
+    head = "Channels,3,,,\nY_Unit_Label,mm,A,N,\nX0,0.0,0.0,0.0,\nX_Value,Position,Current,Force,Comment\n"
+    (tmp_path / "log.lvm").write_text(head + "\n".join("," + row.split(",", 1)[1] for row in CELLS) + "\n")
+    proposal = propose_mapping(tmp_path / "log.lvm", rate=500.0)
+    assert proposal.doubts == ()
+    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
 
 
 def table(*columns):
@@ -212,3 +223,36 @@ def test_a_time_cut_to_seconds_is_no_other_time(tmp_path):
 @pytest.mark.parametrize(("name", "per_s"), [("time_min", 1 / 60), ("t_h", 1 / 3600)])
 def test_minutes_and_hours_in_a_name_of_a_time(tmp_path, name, per_s):
     assert_recording(read(tmp_path, with_times([f"{t * per_s:.12f}" for t in T], name)), slow=False)
+
+
+@pytest.mark.parametrize("coarse", [clock("%H:%M:%S"), [str(int(9 + t)) for t in T]])
+def test_a_time_in_seconds_does_not_hide_a_finer_one(tmp_path, coarse):
+    rows = [f"{c},{1e3 * t:.0f},{row.split(',', 1)[1]}" for c, t, row in zip(coarse, T, CELLS, strict=True)]
+    text = "timestamp,ms,position_mm,current_A,force_N\n" + "\n".join(rows) + "\n"
+    assert_recording(read(tmp_path, text), slow=False)
+
+
+DATES = clock("%Y-%m-%dT%H:%M:%S.%fZ")
+KEYS = ("time", "position_mm", "current_A", "force_N")
+LISTS = dict(zip(KEYS, (DATES, *(values.tolist() for values in SIGNALS[1:])), strict=True))
+
+
+@pytest.mark.parametrize(
+    "tree", [LISTS, [dict(zip(KEYS, row, strict=True)) for row in zip(*LISTS.values(), strict=True)]]
+)
+def test_dates_in_json(tmp_path, tree):
+    recording = read(tmp_path, json.dumps(tree), name="log.json")
+    assert_recording(recording, start_ns=round(NOON.timestamp() * 1e9), slow=False)
+
+
+def test_names_beside_a_matrix_of_json(tmp_path):
+    rows = np.stack(SIGNALS, axis=1).tolist()
+    text = json.dumps({"columns": ["time_s", *KEYS[1:]], "index": list(range(len(T))), "data": rows})
+    assert_recording(read(tmp_path, text, name="log.json"), slow=False)
+
+
+def test_a_cell_of_json_that_is_no_date_is_named(tmp_path):
+    tree = {**LISTS, "time": [*DATES[:7], "noon", *DATES[8:]]}
+    assert "row 7: column 'time' is 'noon'; expected a number, or a date like" in str(
+        propose(tmp_path, json.dumps(tree), name="log.json").doubts[0]
+    )
