@@ -1,4 +1,4 @@
-# make demo    identify a model of the best structure from the sample recordings: costs and a report, without ROS
+# make demo    identify a hydraulic model from the sample recordings: costs and a report, without ROS
 # make test    lint, types, tests; the ROS tests too where ROS 2 is sourced. What needs a program that is not installed
 #              is skipped, and a line at the end says what to install
 # make test-fast  lint and the tests that are not marked slow: a developer's loop, a good minute
@@ -24,7 +24,7 @@ CORE := $(wildcard ces_observer/tick/*.py ces_identify/export/c_*.py ces_identif
 
 demo: $(VENV)/.installed
 	@mkdir -p $(OUT)
-	$(RUN)/ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --structure auto \
+	$(RUN)/ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --structure hydraulic \
 	  --out $(OUT)/model.json --report $(OUT)/report.html --overwrite
 
 test: lint test-ros suite

@@ -22,6 +22,7 @@ NAME = "ces_observer"
 # colcon and ROS's Debian and RPM rules run this file as a program; pip and other front ends call it through a backend.
 FOR_ROS = "setuptools.build_meta" not in sys.modules
 MDF, MAT73, PARQUET = ["asammdf>=8.0"], ["h5py>=3.8"], ["pyarrow>=14"]  # formats of logs, each optional
+TDMS = ["nptdms>=1.7"]
 CAN = ["cantools>=39.4", "python-can>=4.3"]
 ROS_PROGRAMS = [
     f"observer = {NAME}.nodes.observer:main",
@@ -153,8 +154,9 @@ setup(
         "mdf": MDF,  # ces import FILE.mf4
         "mat73": MAT73,  # ces import FILE.mat, saved with -v7.3
         "can": CAN,  # ces import FILE.blf with a DBC
+        "tdms": TDMS,  # ces import FILE.tdms, of LabVIEW
         "parquet": PARQUET,  # ces import FILE.parquet, ces export-data --out FILE.parquet
-        "formats": [*MDF, *MAT73, *CAN, *PARQUET],
+        "formats": [*MDF, *MAT73, *CAN, *TDMS, *PARQUET],
         "frames": ["pandas>=2.1"],  # DataFrames in and out of import ces
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
@@ -170,6 +172,7 @@ setup(
             *MDF,
             *MAT73,
             *CAN,
+            *TDMS,
             *PARQUET,
             "flask>=3.0",
             "ruff>=0.6",

@@ -52,9 +52,15 @@ def read_page(name: str) -> tuple[tuple[tuple[str, str], ...], tuple[str, ...]]:
 FILES, DIAGNOSE = read_page("diagnose.md")
 FIRST = "main section:first-of-type"
 TIME = ".recording figure"
+DYNO = (
+    "ces rig characterise --out dyno",
+    "ces identify bags/noise bags/sweep --structure hydraulic --out hydraulic.json",
+    "ces characterise dyno --model hydraulic.json --out dyno_page",
+)
 GAP = ("gap_rig", DIAGNOSE, "gap_rig/report.html")
 PICTURES = {
     "readme": Picture("best.json", (f"{IDENTIFY} --report best.html",), "best.html", TIME, TIME),
+    "characterise": Picture("dyno_page", DYNO, "dyno_page/characteristics.html", "#family", "#family"),
     "iterate": Picture(
         "rear_damper",
         ("ces iterate rear_damper.yaml",),

@@ -14,9 +14,9 @@ user's raises `CesError` with one line.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,12 +36,15 @@ if TYPE_CHECKING:
     from ces_identify.scripting.progress import ProgressInput
     from ces_identify.scripting.recording import Recording
     from ces_identify.simulations.simulation import Simulation
+    from ces_identify.validation.cost_table import Evaluations
     from ces_identify.validation.evaluate import Evaluation
     from ces_observer import model
     from ces_report.shell import PageHead
 
     ModelInput = model.Model | PathInput
     SimulationInput = Simulation | model.Model | Callable[..., Any] | PathInput
+    FitInput = str | Sequence[str] | Mapping[str, tuple[float, float] | None]
+    SimulationInputs = SimulationInput | Sequence[SimulationInput] | Mapping[str, SimulationInput]
 
 __all__ = [
     "Calibration", "CesError", "Characteristics", "Comparison", "DamperModel", "Diagnosis", "Estimator", "Evaluation",
@@ -82,73 +85,83 @@ def identify(
     (sign, units, delays), unless `ignore_findings`.
     """
     from ces_data.reading import as_recordings
-    from ces_identify.options import IdentifyRequest
-    from ces_identify.scripting.model import Model
+    from ces_identify.options import IdentifyRequest, list_options
+    from ces_identify.scripting.model import identify_model
     from ces_identify.scripting.progress import show_progress
 
+    _require_options(identify, options, [option.name for option in list_options()])
     request = IdentifyRequest.of({"structure": structure, "ignore_findings": ignore_findings, **options})
     given, held_out = as_recordings(recordings, signals), as_recordings(validation, signals, required=False)
     with show_progress(progress) as tell:
-        return Model.identify(request, given, held_out, tell)
+        return identify_model(request, given, held_out, tell)
 
 
-def validate(model: ModelInput, recordings: RecordingInputs) -> Sequence[Evaluation]:
-    """Return the free run of a model on each recording, with its cost J [%] (`cost`) and RMS error (`rms_N`)."""
-    from ces_identify.scripting.model import Model
+def validate(model: ModelInput, recordings: RecordingInputs) -> Evaluations:
+    """Return the free run of a model on each recording, a list with `to_frame`, as `Model.validate` does."""
+    from ces_identify.scripting.model import as_model
 
-    return Model.of(model).validate(recordings)
+    return as_model(model).validate(recordings)
 
 
-def simulate(model: ModelInput, recording: Any, *given: Any) -> Any:
-    """Return the force [N] at every position sample, as `Model.simulate` does."""
-    from ces_identify.scripting.model import Model
+def simulate(
+    model: ModelInput, recording: Any = None, position_m: Any = None, current_A: Any = None, *, time_s: Any = None
+) -> Any:
+    """Return the force [N] at every position sample, of a recording or of arrays, as `Model.simulate` does."""
+    from ces_identify.scripting.model import as_model
 
-    return Model.of(model).simulate(recording, *given)
+    return as_model(model).simulate(recording, position_m, current_A, time_s=time_s)
 
 
 def compare(
-    models: Mapping[str, SimulationInput],
+    models: SimulationInputs,
     recordings: RecordingInputs,
     *,
     report: PathInput | None = None,
     title: str = "",
     note: str = "",
+    overwrite: bool = False,
 ) -> Comparison:
-    """Compare models or other simulations, by name, on the same recordings; write the page to `report`, if given.
+    """Compare models or other simulations, a list or by name, on the same recordings; write the page to `report`.
 
-    The result's `pairs` say of every two whether
-    their costs differ by more than chance, its `notes()` which costs are no test. Raises CesError for fewer than two.
+    The result's `pairs` say of every two whether their costs differ by more than chance, its `notes()` which costs are
+    no test. Raises CesError for fewer than two.
     """
-    from ces_data.reading import as_path, as_recordings
+    from ces_data.reading import as_recordings
     from ces_identify.comparison.compared_models import make_compared_model
     from ces_identify.comparison.comparison import compare as compare_models
     from ces_identify.comparison.comparison_report import write_comparison
 
-    named = [make_compared_model(name, simulation) for name, simulation in _open_named("models", models).items()]
+    target = _require_output("report", report, overwrite)
+    named = [make_compared_model(name, simulation) for name, simulation in _open_all("models", models).items()]
     given = as_recordings(recordings)
     result = compare_models(named, given)
-    if report is not None:
-        write_comparison(as_path(report, "report"), result, _head(title, note, given))
+    if target is not None:
+        write_comparison(target, result, _head(title, note, given))
     return result
 
 
 def characterise(
     recordings: RecordingInputs,
     *,
-    simulations: Mapping[str, SimulationInput] | None = None,
+    model: SimulationInputs = (),
     out: PathInput | None = None,
     title: str = "",
     note: str = "",
+    overwrite: bool = False,
 ) -> Characteristics:
-    """Return what a damper dyno shows of recordings, beside simulations by name; write page and CSV files to `out`."""
-    from ces_data.reading import as_path, as_recordings
+    """Return what a damper dyno shows of recordings, beside simulations; write page and CSV files to `out`.
+
+    `model` is one simulation, or several, in a list or by name.
+    """
+    from ces_data.reading import as_recordings
     from ces_identify.characteristics.characterise import characterise as characterise_recordings
     from ces_identify.characteristics.page import write_characteristics
 
+    target = _require_output("out", out, overwrite)
     given = as_recordings(recordings)
-    result = characterise_recordings(given, simulations=_open_named("simulations", simulations or {}))
-    if out is not None:
-        write_characteristics(as_path(out, "out"), result, _head(title, note, given))
+    result = characterise_recordings(given, simulations=_open_all("model", model))
+    if target is not None:
+        write_characteristics(target, result, _head(title, note, given))
     return result
 
 
@@ -161,6 +174,7 @@ def diagnose(
     out: PathInput | None = None,
     title: str = "",
     note: str = "",
+    overwrite: bool = False,
     progress: ProgressInput = None,
     **options: Any,
 ) -> Diagnosis:
@@ -180,7 +194,7 @@ def diagnose(
     from ces_identify.numerics.least_squares import one_blas_thread
     from ces_identify.scripting.progress import show_progress
 
-    how = _diagnose_options(options)
+    how, target = _diagnose_options(options), _require_output("out", out, overwrite)
     subject, name = _open(simulation)
     recordings = as_recordings(real)
     kept, references = (as_recordings(some, required=False) for some in (held_out, reference))
@@ -188,10 +202,10 @@ def diagnose(
     with one_blas_thread(), show_progress(progress) as tell:
         result = pipeline.diagnose(subject, name, recordings, kept, references, how, tell)
     result = replace(result, notes=(*notes, *result.notes))
-    if out is not None:
+    if target is not None:
         head = _head(title, note, [*recordings, *kept, *references])
         roles = (("real", recordings), ("held_out", kept), ("reference", references))
-        _write(out, lambda folder: result_files(result, name_simulation(name, folder), roles, head))
+        _write(target, lambda folder: result_files(result, name_simulation(name, folder), roles, head))
     return result
 
 
@@ -200,17 +214,19 @@ def calibrate(
     real: RecordingInputs,
     *,
     held_out: RecordingInputs = (),
-    fit: str | Sequence[str] = (),
+    fit: FitInput = (),
     out: PathInput | None = None,
     title: str = "",
     note: str = "",
+    overwrite: bool = False,
     progress: ProgressInput = None,
 ) -> Calibration:
     """Return the named parameters of a simulation fitted to `real` recordings, with intervals.
 
-    `fit` names some of them (NAME or NAME=LOW..HIGH); without it, all. `out` is a folder for calibrated.json and
-    report.html. Raises CesError if nothing can be fitted.
+    `fit` names some of them (NAME or NAME=LOW..HIGH, or a mapping from NAME to (LOW, HIGH)); without it, all. `out`
+    is a folder for calibrated.json and report.html. Raises CesError if nothing can be fitted.
     """
+    from ces_data.findings import warn
     from ces_data.reading import as_recordings
     from ces_gap.augmented import name_simulation
     from ces_gap.calibrate.calibration import calibrate as calibrate_simulation
@@ -219,17 +235,17 @@ def calibrate(
     from ces_identify.numerics.least_squares import one_blas_thread
     from ces_identify.scripting.progress import show_progress
 
+    target = _require_output("out", out, overwrite)
     subject, name = _open(simulation)
     recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
     for text in check_recordings(recordings, kept, []):
-        warnings.warn(text, stacklevel=2)
-    names = [fit] if isinstance(fit, str) else fit
+        warn(text)
     with one_blas_thread(), show_progress(progress) as tell:
-        result = calibrate_simulation(subject, name, recordings, kept, names, tell)
-    if out is not None:
+        result = calibrate_simulation(subject, name, recordings, kept, _as_fit(fit), tell)
+    if target is not None:
         head = _head(title, note, [*recordings, *kept])
         used = {"real": recordings, "held_out": kept}
-        _write(out, lambda folder: calibration_files(result, name_simulation(name, folder), used, head))
+        _write(target, lambda folder: calibration_files(result, name_simulation(name, folder), used, head))
     return result
 
 
@@ -239,16 +255,35 @@ def _diagnose_options(given: Mapping[str, Any]) -> DiagnoseOptions:
     from ces_gap.effects.effect import Effect
     from ces_gap.pipeline import DiagnoseOptions
 
-    known = [field.name for field in fields(DiagnoseOptions)]
-    if unknown := [name for name in given if name not in known]:
-        raise CesError(f"{unknown[0]}: is no option of diagnose; expected one of {', '.join(known)}")
+    _require_options(diagnose, given, [field.name for field in fields(DiagnoseOptions)])
     for option in DiagnoseRequest.options():
         if given.get(option.name) is not None and option.kind in (int, float):
             option.check(given[option.name])
     if not all(isinstance(effect, Effect) for effect in given.get("effects", ())):
         raise CesError("effects: expected effects of your own (ces_gap.Effect); the library's are always tried")
     share = {"tolerance": 0.01 * given["tolerance"]} if given.get("tolerance") is not None else {}
-    return DiagnoseOptions(**{**given, **share})
+    return DiagnoseOptions(**{**given, **share, "fit": _as_fit(given.get("fit") or ())})
+
+
+def _as_fit(given: FitInput) -> tuple[str, ...]:
+    """Return the parameters that may change as the program has them: NAME or NAME=LOW..HIGH. Raises CesError."""
+    if not isinstance(given, Mapping):
+        return (given,) if isinstance(given, str) else tuple(given)
+    words = []
+    for name, ends in given.items():
+        if ends is not None and (not isinstance(ends, Sequence) or isinstance(ends, str) or len(ends) != 2):
+            raise CesError(f"fit: {name} is {ends!r}; expected (LOW, HIGH), or None for its own range")
+        words.append(name if ends is None else f"{name}={ends[0]}..{ends[1]}")
+    return tuple(words)
+
+
+def _require_options(function: Callable[..., Any], given: Mapping[str, Any], known: Sequence[str]) -> None:
+    """Raise CesError for a keyword that a function has not."""
+    from ces_observer.errors import suggest
+
+    if unknown := next((name for name in given if name not in known), None):
+        names = dict.fromkeys([*known, *signature(function).parameters])
+        raise CesError(f"{unknown}: is no option of {function.__name__}{suggest(unknown, names)}")
 
 
 def _head(title: str, note: str, recordings: Sequence[Any]) -> PageHead:
@@ -259,22 +294,46 @@ def _head(title: str, note: str, recordings: Sequence[Any]) -> PageHead:
     return PageHead(title, note, recorded=describe_days(recordings))
 
 
-def _write(out: PathInput, make: Callable[[Path], Mapping[str, str]]) -> None:
-    """Write files into a folder, all or none."""
+def _require_output(name: str, given: PathInput | None, overwrite: bool) -> Path | None:
+    """Return the file of a `report`, or a folder. Raises CesError unless it can be written."""
+    from ces_data.outputs import REPORT, require_outputs
     from ces_data.reading import as_path
+
+    path = None if given is None else as_path(given, name)
+    if name == REPORT.name:
+        require_outputs(overwrite, {REPORT: path})
+    else:
+        require_outputs(overwrite, folders={name: path})
+    return path
+
+
+def _write(folder: Path, make: Callable[[Path], Mapping[str, str]]) -> None:
+    """Write files into a folder, all or none."""
     from ces_observer.json_text import write_all_atomically
 
-    folder = as_path(out, "out")
     folder.mkdir(parents=True, exist_ok=True)
     write_all_atomically({folder / name: text for name, text in make(folder).items()})
 
 
-def _open_named(name: str, given: Mapping[str, SimulationInput]) -> dict[str, Simulation]:
-    from ces_data.reading import kind_of
+def _open_all(name: str, given: SimulationInputs) -> dict[str, Simulation]:
+    """Return simulations by name: the given names, or those of files, functions and structures. Raises CesError."""
+    from ces_identify.comparison.comparison import name_sources
+    from ces_observer.model import Model
 
-    if not isinstance(given, Mapping):
-        raise CesError(f"{name}: expected simulations by their names, as in {{'a': 'a.json'}}; got {kind_of(given)}")
-    return {own: _open(simulation)[0] for own, simulation in given.items()}
+    if isinstance(given, Mapping):
+        if wrong := [own for own in given if not isinstance(own, str)]:
+            raise CesError(f"{name}: {wrong[0]!r} is no name; expected simulations by their names, or a list of them")
+        return {own: _open(simulation)[0] for own, simulation in given.items()}
+    several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
+    opened = [_open(simulation) for simulation in several]
+    sources = [
+        one.structure if isinstance(one, Model) else getattr(one, "__qualname__", own)
+        for one, (_, own) in zip(several, opened, strict=True)
+    ]
+    names = name_sources(sources)
+    counts = [names[: k + 1].count(own) for k, own in enumerate(names)]
+    distinct = [f"{own} {n}" if n > 1 else own for own, n in zip(names, counts, strict=True)]
+    return {own: simulation for own, (simulation, _) in zip(distinct, opened, strict=True)}
 
 
 def _open(given: SimulationInput) -> tuple[Simulation, str]:

@@ -36,8 +36,9 @@ from ces_cli.terminal.options import (
     only_with,
     option,
 )
-from ces_cli.terminal.outputs import OUT, print_document, require_folder, require_outputs, without_text
+from ces_cli.terminal.outputs import print_document, without_text
 from ces_cli.terminal.progress import JobsProgress
+from ces_data.outputs import OUT, require_folder, require_outputs
 from ces_data.signals_file import load_signals
 from ces_identify.jobs import run_in_processes
 from ces_observer.errors import CesError

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import HELP, find_bags, open_simulation
+from ces_cli.terminal.inputs import HELP, open_simulation
 from ces_cli.terminal.options import (
     FIT,
     HELD_OUT,
@@ -23,8 +23,10 @@ from ces_cli.terminal.options import (
     ProgramRequest,
     option,
 )
-from ces_cli.terminal.outputs import OUT, print_document, require_outputs
+from ces_cli.terminal.outputs import print_document
 from ces_cli.terminal.progress import DiagnoseProgress
+from ces_data.bags.find import find_bags
+from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import describe_days
 from ces_data.signals_file import load_signals
 from ces_gap.augmented import name_simulation

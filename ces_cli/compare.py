@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bags, find_file, open_simulation, print_findings, with_predictions
+from ces_cli.terminal.inputs import find_file, open_simulation, print_findings, with_predictions
 from ces_cli.terminal.options import (
     JSON,
     NEED_REPORT,
@@ -21,14 +21,17 @@ from ces_cli.terminal.options import (
     ProgramRequest,
     argument,
 )
-from ces_cli.terminal.outputs import REPORT as REPORT_FILE
-from ces_cli.terminal.outputs import name_report, print_document, require_outputs
+from ces_cli.terminal.outputs import name_report, print_document
 from ces_data.arrays import F
+from ces_data.bags.find import find_bags
+from ces_data.outputs import REPORT as REPORT_FILE
+from ces_data.outputs import require_outputs
 from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.comparison import comparison_report
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_model
-from ces_identify.comparison.comparison import Comparison, compare, headline, model_table, name_sources
+from ces_identify.comparison.comparison import Comparison, compare, name_sources
+from ces_identify.comparison.summary import headline, model_table
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError

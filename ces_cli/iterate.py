@@ -13,8 +13,9 @@ from rich.progress import TextColumn, TimeElapsedColumn
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import ALL, JSON, ProgramRequest, argument, never_with, option
-from ces_cli.terminal.outputs import print_document, require_folder, schema_line
+from ces_cli.terminal.outputs import print_document, schema_line
 from ces_cli.terminal.progress import LiveBar
+from ces_data.outputs import require_folder
 from ces_identify.numerics.search import SearchResult
 from ces_observer.records import declare
 from ces_rig.loop.iterate import IterateListener, Iterations

@@ -17,7 +17,6 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,7 +26,7 @@ from typing import Any, NoReturn
 from ces_cli.terminal.heartbeat import heartbeat
 from ces_identify.jobs import end_process
 from ces_observer import __version__
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, suggest
 
 ProgramTable = Mapping[str, tuple[str, str]]
 Program = Callable[[Sequence[str] | None], int]
@@ -99,9 +98,7 @@ def _print_usage() -> int:
 
 def _run(name: str, words: Sequence[str]) -> int:
     if name not in PROGRAMS:
-        near = get_close_matches(name, PROGRAMS, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else f"; expected one of {', '.join(PROGRAMS)}"
-        print(f"ces: error: unknown program '{name}'{hint}", file=sys.stderr)
+        print(f"ces: error: unknown program '{name}'{suggest(name, PROGRAMS)}", file=sys.stderr)
         return 2
     if ROS_ARGS in words:
         text = f"{ROS_ARGS} is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer identify' or '... rig'"

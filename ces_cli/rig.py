@@ -18,8 +18,9 @@ from ces_cli.terminal.options import (
     never_with,
     option,
 )
-from ces_cli.terminal.outputs import OUT, print_document, require_outputs
+from ces_cli.terminal.outputs import print_document
 from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.outputs import OUT, require_outputs
 from ces_data.signals_file import load_signals
 from ces_observer.records import declare
 from ces_rig.errors import RigError

@@ -16,8 +16,9 @@ from typing import Any
 from ces_cli.identify.request import EXIT_WHEN_DONE, PARAMETERS
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import ALL, JSON, ProgramRequest, argument, never_with, only_with, option
-from ces_cli.terminal.outputs import make_schemas, print_document, require_folder
+from ces_cli.terminal.outputs import make_schemas, print_document
 from ces_data.logs.log_mapping import DynoMapping
+from ces_data.outputs import require_folder
 from ces_gap.report.calibration import calibrated_schema
 from ces_gap.report.gap_json import gap_schema
 from ces_identify.campaign.plan import FILE as CAMPAIGN

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -16,6 +18,7 @@ from ces_observer.errors import RecordingError
 
 ERROR, WRONG_MODEL, WARNING = SEVERITIES = ("error", "wrong model", "warning")  # worst first
 SECOND = 1e9
+SUITE = ("ces", "ces_cli", "ces_data", "ces_gap", "ces_identify", "ces_rig")
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,14 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
 def sort_findings(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return the findings of all groups, the worst first."""
     return tuple(sorted(chain(*groups), key=lambda finding: SEVERITIES.index(finding.severity)))
+
+
+def warn(text: str) -> None:
+    """Warn of something, on the line of the user's code that called the suite."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).split(".")[0] in SUITE:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, stacklevel=level)
 
 
 def require_usable(recording: Recording) -> tuple[Finding, ...]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import yaml
 
+from ces_data.findings import warn
 from ces_data.logs.frame import FrameTable, is_frame
 from ces_data.logs.log_import import to_recording
+from ces_data.mapping.choice import PASSIVE
 from ces_data.mapping.proposals import GIVE_RATE, NO_TIME, parse_mapping_without_force, propose_for
 from ces_data.recording import Recording
 from ces_data.tables import tabulate
@@ -53,9 +54,9 @@ def read_frame(
     doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled]
     if doubts:
         remedy = "" if doubts[0] in proposal.faults else _remedy(doubts[0])
-        raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE)}{remedy}")
+        raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE).replace(f'; {PASSIVE}', '')}{remedy}")
     for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
-        warnings.warn(f"{name}: {remark}", stacklevel=4)
+        warn(f"{name}: {remark}")
     taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
     return replace(to_recording(log, parse_mapping_without_force(content, name)), taken=", ".join(taken))
 
@@ -68,7 +69,7 @@ def _remedy(doubt: str) -> str:
     if signal == "time":
         return "; say which it is: columns={'time': 'NAME'}, or {'rate': 1000} [Hz] without one"
     if signal == "current":
-        return "; say which it is: columns={'current': 'NAME'}, or {'current': 0.0} [A] for a constant"
+        return "; say which it is: columns={'current': 'NAME'}, or {'current': 0.0} for a passive damper"
     return f"; say which it is: columns={{'{signal}': {{'column': 'NAME', 'unit': 'mm'}}}}" if signal in UNITS else ""
 
 
@@ -121,3 +122,12 @@ def import_pandas() -> Any:
     except ImportError:
         raise CesError("a DataFrame needs pandas: pip install 'ces_observer[frames]'") from None
     return pandas
+
+
+def import_pyplot() -> Any:
+    """Return matplotlib's pyplot; raises CesError that says how to install it."""
+    try:
+        from matplotlib import pyplot
+    except ImportError:
+        raise CesError("a plot needs matplotlib: pip install 'ces_observer[notebook]'") from None
+    return pyplot

@@ -18,6 +18,7 @@ LOG_FORMATS: Mapping[str, Mapping[str, str]] = {
     "mdf": {".mf4": "an MDF4 log", ".mdf": "an MDF log", ".mf3": "an MDF log"},
     "bag": {".bag": "a ROS 1 bag"},
     "can": {".blf": "a CAN log", ".asc": "a CAN log", ".log": "a log", ".trc": "a CAN log"},
+    "tdms": {".tdms": "a TDMS file"},
     "parquet": {".parquet": "a Parquet table", ".pq": "a Parquet table"},
 }
 KINDS = {suffix: what for name, suffixes in LOG_FORMATS.items() if name != "bag" for suffix, what in suffixes.items()}

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import os
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from ces_data.bags import reader
+from ces_data.bags.find import find_bags
 from ces_data.checks.motion import recorded_motion
 from ces_data.checks.units import unit_findings
-from ces_data.findings import require_usable
+from ces_data.findings import require_usable, warn
 from ces_data.frames import is_table, read_frame
 from ces_data.log_formats import is_log
 from ces_data.logs import log_import
@@ -59,14 +59,14 @@ def read_log(
     recording = replace(_with_hash(proposal.read(), split_damper(path)[0]), taken=", ".join(proposal.found))
     say(recording.taken)
     for remark in proposal.remarks:
-        warnings.warn(f"{path}: {remark}", stacklevel=2)
+        warn(f"{path}: {remark}")
     return _check(take(recording))
 
 
 def as_recordings(
     given: RecordingInputs, signals: PathInput | None = None, *, need: Sequence[str] = SIGNALS, required: bool = True
 ) -> list[Recording]:
-    """Return recordings that were given as such, as paths of bags and logs, or as tables, one or several."""
+    """Return recordings that were given as such, as tables, or as paths and globs of bags and logs, one or several."""
     single = isinstance(given, Recording | str | os.PathLike) or is_table(given)
     if not single and (not hasattr(given, "__iter__") or hasattr(given, "dtype")):
         raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(given)}")
@@ -81,11 +81,15 @@ def as_recordings(
             recordings.append(check_table(read_frame(one, need=need, number=number if len(several) > 1 else 0)))
         elif not isinstance(one, str | os.PathLike):
             raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(one)}")
-        elif is_log(path := as_path(one, "recording")):
-            recordings.append(read_log(path, need=need))
         else:
-            recordings.append(read_recording(path, signals=signals, need=need))
+            recordings += [_read(path, signals, need) for path in find_bags([as_path(one, "recording")])]
     return recordings
+
+
+def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recording:
+    if is_log(path):
+        return read_log(path, need=need)
+    return read_recording(path, signals=signals, need=need)
 
 
 def as_path(given: PathInput, name: str) -> Path:
@@ -110,12 +114,12 @@ def check_table(recording: Recording) -> Recording:
     """Return a recording made of arrays that can be used; warns of what looks wrong, units too. Raises CesError."""
     for finding in unit_findings(_check(recording), recorded_motion(recording)):
         text = finding.text.replace(" in the signals file", "").replace(" in the mapping file", "")  # there is none
-        warnings.warn(f"{recording.name}: {text}", stacklevel=4)
+        warn(f"{recording.name}: {text}")
     return recording
 
 
 def _check(recording: Recording) -> Recording:
     """Return a recording that can be used; warns of what looks wrong. Raises CesError."""
     for finding in require_usable(recording):
-        warnings.warn(f"{recording.name}: {finding.text}", stacklevel=4)
+        warn(f"{recording.name}: {finding.text}")
     return recording

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
+from ces_data.frames import import_pandas
 from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.twin import Twin
 from ces_gap.effects.effect import Composition
@@ -71,6 +73,28 @@ class Diagnosis(PrintedResult):
     timed_N: float = float("nan")  # gap after the simulation's timing was fitted
     probe: SimulationProbe = NOT_PROBED  # what the simulation does to its inputs
     rare: RareDeviation | None = None  # the largest local deviation, if it stands out
+
+    def to_frame(self) -> Any:
+        """Return the causes as a DataFrame, ranked, each alone; first those named together, if they are several.
+
+        Columns: effect, form, probability, the gap left [N], the shrink with its 95 % interval (all from 0 to 1), and
+        the parameters by name.
+        """
+        together = [self.composition] if len(self.composition.effects) > 1 else []
+        rows = [
+            {
+                "effect": " + ".join(one.effects),
+                "form": " + ".join(one.forms),
+                "probability": one.probability,
+                "gap_left_N": one.gap_after_N,
+                "shrink": one.shrink,
+                "shrink_low": one.shrink_ci95[0],
+                "shrink_high": one.shrink_ci95[1],
+                "parameters": {estimate.name: estimate.value for some in one.estimates for estimate in some},
+            }
+            for one in (*together, *self.causes)
+        ]
+        return import_pandas().DataFrame(rows)
 
 
 SPEED_SHARES = np.array([0.0, 0.05, 0.35, 0.65, 0.95, 1.0])  # quantiles that bound the cells of speed

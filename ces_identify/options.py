@@ -24,7 +24,7 @@ from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, BestStructure, default_sizes
 from ces_identify.structures.kit import Fitter, IdentifyOptions, Size
 from ces_identify.structures.polynomial import POLYNOMIAL
-from ces_observer.errors import CesError, OptionName
+from ces_observer.errors import CesError, OptionName, suggest
 from ces_observer.fields import FieldError
 from ces_observer.limits import FileLimits
 from ces_observer.options import Option, in_group
@@ -232,7 +232,7 @@ class IdentifyRequest:
 def _read(options: Mapping[str, Option], name: str, value: Any) -> Any:
     """Return the checked value of an option, a list as a tuple; raises CesError that names the option."""
     if name not in options:
-        raise CesError(OptionName(name), f" is unknown; known are {', '.join(options)}")
+        raise CesError(OptionName(name), f" is unknown{suggest(name, options)}")
     if isinstance(value, Weighting | CandidateRules):
         return value
     if options[name].many and isinstance(value, str):

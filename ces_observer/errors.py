@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 
@@ -39,6 +39,15 @@ class OptionName:
         if isinstance(self.value, bool):
             return str(self.value).lower()
         return f"{self.value:g}" if self._is_number else str(self.value)
+
+
+def suggest(name: str, known: Iterable[str]) -> str:
+    """Return what a mistyped name may have meant, as `; did you mean 'time'?`, else what is known."""
+    from difflib import get_close_matches  # not on the vehicle
+
+    names = list(known)
+    near = get_close_matches(name, names, n=1)
+    return f"; did you mean '{near[0]}'?" if near else f"; expected one of {', '.join(names)}"
 
 
 Wording = Callable[[OptionName], str]

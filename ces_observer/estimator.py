@@ -12,6 +12,7 @@ from __future__ import annotations
 from functools import lru_cache
 from itertools import chain
 from math import isfinite
+from numbers import Real
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,18 +28,23 @@ from ces_observer.bank_design import (
     spans_of,
 )
 from ces_observer.core import bind, floats, ints
+from ces_observer.errors import CesError
 from ces_observer.flat import ArrayLayout, Arrays
 from ces_observer.limits import SpeedLimits
 from ces_observer.model import Model, Sampling, load_model
-from ces_observer.reasons import REASONS
+from ces_observer.reasons import REASONS, WARMING_UP
 from ces_observer.tick import bank, tracker
 from ces_observer.tick import estimator as tick
 from ces_observer.tick.estimator import CAUSE, FORCE, LATE_COUNT, LATE_STAMPS, LATE_VALUES, LATE_WIDTH, REASON
 from ces_observer.tick.model import CLAMPED, HELD
 from ces_observer.tick.run import run_half_width
-from ces_observer.tick.tracker import P_ESTIMATOR, TRACK_POSITION, TRACK_SPEED
+from ces_observer.tick.tracker import P_ESTIMATOR, TRACK_POSITION, TRACK_SPEED, WAITING
 
 SWITCH_S = 0.2  # [s] mean time for which one mode is the right one
+
+
+MAX_WAITING = 100  # samples in a tick: no sensor sends so many, so that its stamps are no nanoseconds
+NO_STAMPS = "the stamps hardly go on; expected whole nanoseconds (1 ms is 1_000_000)"
 
 
 def layout_of(sampling: Sampling) -> ArrayLayout:
@@ -183,9 +189,14 @@ class Estimator:
         """Return the force [N] at `stamp_ns`, within the model's force envelope, or None with `reason` set.
 
         `motion` is the signal `model.sampling.motion`, if the model needs one. Bad samples count as missing. A model
-        with a delay has no force at once: the reason is "ok" while `late` has those of earlier samples.
+        with a delay has no force at once: the reason is "ok" while `late` has those of earlier samples. Raises CesError
+        for what is no number.
         """
-        if self._step(stamp_ns, position_m, current_A, motion) or self.is_late:
+        try:
+            withheld = self._step(stamp_ns, position_m, current_A, motion)
+        except TypeError:
+            raise _explain_types(stamp_ns, position_m=position_m, current_A=current_A, motion=motion) from None
+        if withheld or self.is_late:
             return None
         force: float = self._s[FORCE]
         return force
@@ -193,7 +204,8 @@ class Estimator:
     @property
     def reason(self) -> str:
         """The word "ok", or why the last force was withheld."""
-        return REASONS[self._k[REASON]]
+        reason = REASONS[self._k[REASON]]
+        return f"{reason}: {NO_STAMPS}" if reason == WARMING_UP and self._k[WAITING] > MAX_WAITING else reason
 
     @property
     def cause(self) -> str:
@@ -245,3 +257,11 @@ class Estimator:
     def skip_late(self, until_ns: int) -> None:
         """Give no estimates in `late` up to this stamp: another estimator has given them."""
         self._skip_late(until_ns)
+
+
+def _explain_types(stamp_ns: object, **numbers: object) -> CesError:
+    """Return the error for the argument of a step that has the wrong type."""
+    if not hasattr(stamp_ns, "__index__"):
+        return CesError(f"stamp_ns: is {stamp_ns!r}; expected whole nanoseconds, as int(1e9 * time_s)")
+    name, value = next(((n, v) for n, v in numbers.items() if not isinstance(v, Real)), ("motion", numbers["motion"]))
+    return CesError(f"{name}: is {value!r}; expected a number (NaN if it is missing)")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
@@ -127,6 +127,14 @@ def _round_like(spread: float, *values: float) -> list[str]:
     if digits > MAX_DIGITS:  # with a power of ten
         return [format_number(v, digits + 1 + math.floor(math.log10(abs(v))) if abs(v) > spread else 1) for v in values]
     return [minus(f"{round(value, digits) + 0.0:.{max(digits, 0)}f}") for value in values]
+
+
+def format_alike(values: Collection[float], figures: int = 4) -> list[str]:
+    """Return numbers with the same decimals, so many figures of the largest; ASCII, for terminals."""
+    largest = max(map(abs, values))
+    power = math.floor(math.log10(largest)) if 0.0 < largest < math.inf else 0
+    decimals = min(max(0, figures - 1 - power), 9)
+    return [f"{round(value, decimals) + 0.0:.{decimals}f}" for value in values]  # no negative zero
 
 
 def format_range(low: float, high: float) -> str:

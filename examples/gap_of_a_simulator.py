@@ -34,7 +34,7 @@ def record(seed: int, friction_N: float, seconds: float = 12.0) -> ces.Recording
 def main(folder: str) -> str:
     """Return the verdict in a sentence."""
     new, worn = record(1, friction_N=0.0), [record(2, FRICTION_N), record(3, FRICTION_N)]
-    diagnosis = ces.diagnose(my_damper, worn, reference=[new], experiment=False, out=folder)
+    diagnosis = ces.diagnose(my_damper, worn, reference=[new], experiment=False, out=folder, overwrite=True)
     print(diagnosis.sentence)
     print("written:", folder)
     return diagnosis.sentence

@@ -31,7 +31,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "damper_observer health control nodes"
     ),
     "ces_data": (
-        "limits arrays waveforms compilation recording config_file log_formats units findings samples bags "
+        "limits outputs arrays waveforms compilation recording config_file log_formats units findings samples bags "
         "signals_file logs checks mapping tables frames reading"
     ),
     "ces_report": ("typesetting table drawing shell figure plot"),
@@ -67,15 +67,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 141.8,
-    "ces_data": 104.2,
-    "ces_report": 13.8,
-    "ces_identify": 176.7,
+    "ces_observer": 143.1,
+    "ces_data": 110.3,
+    "ces_report": 13.9,
+    "ces_identify": 179.6,
     "ces_rig": 71.9,
-    "ces_gap": 128,
-    "ces_cli": 73,
-    "bench": 72.3,
-    "test": 467.8,
+    "ces_gap": 128.6,
+    "ces_cli": 71.4,
+    "bench": 72.4,
+    "test": 473.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -176,7 +176,7 @@ def test_a_build_without_a_compiler_goes_on_without_the_core(tmp_path: Path) -> 
 def test_the_extra_formats_holds_those_of_all_formats() -> None:
     extras = arguments("")["extras_require"]
     assert isinstance(extras, dict)
-    single = [library for extra in ("mdf", "mat73", "can", "parquet") for library in extras[extra]]
+    single = [library for extra in ("mdf", "mat73", "can", "tdms", "parquet") for library in extras[extra]]
     assert sorted(extras["formats"]) == sorted(single)
     assert set(single) <= set(extras["dev"])
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import HELP, find_bags, open_simulation, print_findings, with_predictions
+from ces_cli.terminal.inputs import HELP, open_simulation, print_findings, with_predictions
 from ces_cli.terminal.options import (
     BAGS,
     JSON,
@@ -21,13 +21,16 @@ from ces_cli.terminal.options import (
     only_with,
     option,
 )
-from ces_cli.terminal.outputs import OUT, print_document, require_outputs
+from ces_cli.terminal.outputs import print_document
 from ces_data.arrays import F
+from ces_data.bags.find import find_bags
+from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.page import PAGE, peak_table, response_table, work_table, write_characteristics
 from ces_identify.characteristics.rows import Characteristics
+from ces_identify.comparison.comparison import name_sources
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError, OptionName
 from ces_observer.records import declare
@@ -103,9 +106,7 @@ def _open_simulations(specs: Sequence[str]) -> dict[str, Simulation]:
     repeated = {spec for spec in specs if specs.count(spec) > 1}
     if repeated:
         raise CesError(OptionName("model", min(repeated)), ": given twice; expected each simulation once")
-    short = [Path(spec).stem if Path(spec).suffix in (".json", ".yaml", ".yml", ".fmu") else spec for spec in specs]
-    names = [name if short.count(name) == 1 else spec for name, spec in zip(short, specs, strict=True)]
-    return {name: open_simulation(spec) for name, spec in zip(names, specs, strict=True)}
+    return {name: open_simulation(spec) for name, spec in zip(name_sources(specs), specs, strict=True)}
 
 
 def _print_results(results: Characteristics) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 
 from ces_cli.bags.replay import estimate_forces
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bags, print_findings
+from ces_cli.terminal.inputs import print_findings
 from ces_cli.terminal.options import BAGS, OVERWRITE, SIGNALS, ProgramRequest, option
-from ces_cli.terminal.outputs import OUT, require_outputs
+from ces_data.bags.find import find_bags
+from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import Channel, Recording
 from ces_data.signals_file import load_signals
 from ces_data.tables import FORMATS, require_writer, tabulate, write_table

@@ -21,7 +21,7 @@ from ces_cli.terminal.options import (
     never_with,
     option,
 )
-from ces_cli.terminal.outputs import OUT, print_document, require_outputs, schema_line, without_text
+from ces_cli.terminal.outputs import print_document, schema_line, without_text
 from ces_cli.terminal.progress import FileProgress
 from ces_data.bags.storage import ALONE, MEASURED, SPEED
 from ces_data.bags.writer import open_bag_writer, recording_topics
@@ -33,6 +33,7 @@ from ces_data.logs.log_file import MAX_ROWS, open_log, refuse_bag
 from ces_data.logs.log_import import read_blocks
 from ces_data.logs.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
 from ces_data.mapping.proposals import MappingProposal, propose_mapping, split_damper
+from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import Recording
 from ces_data.samples import INTEGRATED, align_speed, velocity_beside
 from ces_data.signals_file import load_signals

@@ -11,10 +11,10 @@ from typing import Any
 from rich.table import Table
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bags
 from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, SIGNALS, ProgramRequest
 from ces_cli.terminal.outputs import print_document
 from ces_cli.terminal.results import terminal_picture
+from ces_data.bags.find import find_bags
 from ces_data.bags.reader import list_topics, read_recording
 from ces_data.bags.storage import Topic
 from ces_data.checks.check import find_all_faults

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bag
 from ces_cli.terminal.options import JSON, MODEL, ONE_BAG, OVERWRITE, SIGNALS, ProgramRequest, option
-from ces_cli.terminal.outputs import OUT, print_document, require_outputs
+from ces_cli.terminal.outputs import print_document
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
+from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_identify.prepare.series import hold_current, hold_motion

@@ -10,12 +10,13 @@ from typing import Any
 from rich.console import Console
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bags
 from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, ProgramRequest, option
-from ces_cli.terminal.outputs import OUT, print_document, require_outputs, schema_line
+from ces_cli.terminal.outputs import print_document, schema_line
+from ces_data.bags.find import find_bags
 from ces_data.mapping.choice import Choice, Selection
 from ces_data.mapping.proposals import describe_scale, propose_signals
 from ces_data.mapping.rating import Rating
+from ces_data.outputs import OUT, require_outputs
 from ces_observer.json_text import write_atomically
 from ces_observer.records import declare
 from ces_report.table import text_table
@@ -78,7 +79,7 @@ def print_proposal(selection: Selection, console: Console, skipped: Mapping[str,
     """Print the table of a proposal, then one line for each thing to check and each signal that was not found."""
     table = terminal.lay_out(text_table(("signal", "candidate, range, rate", "why"), _rows(selection), left=3))
     table.columns[0].no_wrap = True
-    console.print(table, highlight=False, markup=False)
+    console.print(table, highlight=False)
     for check in selection.checks:
         terminal.print_line(f"check: {check}", "yellow", console)
     for missing in selection.missing:

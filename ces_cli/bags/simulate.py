@@ -11,11 +11,12 @@ import numpy as np
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bag, find_file, open_simulation, with_predictions
 from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, SIGNALS, ProgramRequest, option
-from ces_cli.terminal.outputs import OUT, print_document, require_outputs
+from ces_cli.terminal.outputs import print_document
+from ces_data.outputs import OUT, require_outputs
 from ces_data.signals_file import load_signals
 from ces_identify.simulations.simulate import sample_run
 from ces_identify.simulations.simulation import ModelSimulation
-from ces_identify.validation.evaluate import describe_held
+from ces_identify.validation.checked import warnings_on
 from ces_observer.json_text import write_atomically
 from ces_observer.records import declare
 
@@ -48,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         force = simulation.force(with_predictions(simulation, path, recording, signals)) if own is None else own.force
     stamps = recording.channel("position").stamps_ns
     known = np.isfinite(force)
-    if run is not None and (text := describe_held(recording.name, *run.held_at(known))):
+    for text in () if run is None else warnings_on(run, recording.name):
         terminal.print_warning(text)
     values = zip(((stamps - stamps[0]) * 1e-9).tolist(), force.tolist(), strict=True)
     write_atomically(request.out, "time_s,force_N\n" + "".join(f"{time:.9f},{newtons!r}\n" for time, newtons in values))

@@ -11,15 +11,7 @@ from pathlib import Path
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import (
-    HELP,
-    RECORDING,
-    VEHICLE,
-    find_bags,
-    import_from_here,
-    open_simulation,
-    with_predictions,
-)
+from ces_cli.terminal.inputs import HELP, RECORDING, VEHICLE, import_from_here, open_simulation, with_predictions
 from ces_cli.terminal.options import (
     FIT,
     HELD_OUT,
@@ -36,6 +28,7 @@ from ces_cli.terminal.options import (
 )
 from ces_cli.terminal.outputs import make_schemas, print_document, without_text
 from ces_cli.terminal.progress import DiagnoseProgress
+from ces_data.bags.find import find_bags
 from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_gap.augmented import name_simulation

@@ -10,18 +10,14 @@ from pathlib import Path, PurePath
 
 from ces_cli.diagnose import diagnosis
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import (
-    FleetUnit,
-    find_bags,
-    find_fleet_units,
-    open_simulation,
-    with_predictions,
-)
+from ces_cli.terminal.inputs import FleetUnit, find_fleet_units, open_simulation, with_predictions
 from ces_cli.terminal.options import never_with, only_with
-from ces_cli.terminal.outputs import OUT, print_document, require_folder, require_outputs
+from ces_cli.terminal.outputs import print_document
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
+from ces_data.bags.find import find_bags
 from ces_data.bags.reader import read_recording
 from ces_data.findings import require_usable
+from ces_data.outputs import OUT, require_folder, require_outputs
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of

@@ -11,9 +11,10 @@ from ces_cli.identify.request import OUT, IdentifyProgramRequest
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import print_warnings, with_distinct_names
 from ces_cli.terminal.options import ALL, never_with, only_with
-from ces_cli.terminal.outputs import print_document, require_folder, without_text
+from ces_cli.terminal.outputs import print_document, without_text
 from ces_cli.terminal.progress import JobsProgress, report_failures, run_jobs
 from ces_data.checks.check import check_each, require_sound
+from ces_data.outputs import require_folder
 from ces_data.signals_file import load_signals
 from ces_identify.campaign.cells import CampaignRows, CellNames, compute_cell, is_proved
 from ces_identify.campaign.plan import Campaign, CampaignJob, jobs, load_campaign

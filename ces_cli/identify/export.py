@@ -8,7 +8,8 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, OptionRule, ProgramRequest, option
-from ces_cli.terminal.outputs import OUT, print_document, require_outputs, without_text
+from ces_cli.terminal.outputs import print_document, without_text
+from ces_data.outputs import OUT, require_outputs
 from ces_identify.export import export_model
 from ces_observer.errors import CesError, OptionName
 from ces_observer.json_text import write_all_atomically

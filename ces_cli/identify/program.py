@@ -14,25 +14,9 @@ from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
 from ces_cli.identify.request import IdentifyProgramRequest
 from ces_cli.terminal import terminal
 from ces_cli.terminal.heartbeat import heartbeat
-from ces_cli.terminal.inputs import (
-    find_bags,
-    find_file,
-    open_simulation,
-    print_warnings,
-    with_distinct_names,
-    with_teacher_force,
-)
+from ces_cli.terminal.inputs import find_file, open_simulation, print_warnings, with_distinct_names, with_teacher_force
 from ces_cli.terminal.options import ALL, NEED_REPORT, never_with
-from ces_cli.terminal.outputs import (
-    OUT,
-    OVERWRITE,
-    REPORT,
-    name_report,
-    print_document,
-    require_outputs,
-    schema_line,
-    without_text,
-)
+from ces_cli.terminal.outputs import name_report, print_document, schema_line, without_text
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.results import (
     cost_rows,
@@ -43,9 +27,11 @@ from ces_cli.terminal.results import (
     print_band,
     print_costs,
 )
+from ces_data.bags.find import find_bags
 from ces_data.checks.check import check_together, require_sound
 from ces_data.checks.content import require_distinct
 from ces_data.findings import Finding
+from ces_data.outputs import OUT, OVERWRITE, REPORT, require_outputs
 from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_gap.augmented import file_of

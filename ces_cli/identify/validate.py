@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bags, print_findings, print_warnings, with_distinct_names
+from ces_cli.terminal.inputs import print_findings, print_warnings, with_distinct_names
 from ces_cli.terminal.options import (
     BAGS,
     BAGS_FORM,
@@ -25,19 +25,19 @@ from ces_cli.terminal.options import (
     only_with,
     option,
 )
-from ces_cli.terminal.outputs import REPORT as REPORT_FILE
-from ces_cli.terminal.outputs import name_report, print_document, require_outputs, without_text
+from ces_cli.terminal.outputs import name_report, print_document, without_text
 from ces_cli.terminal.results import cost_rows, held_out_row, model_facts, print_band, print_costs
-from ces_data.checks.content import find_known_recording, require_once
-from ces_data.checks.units import signs_against_model, unit_against_model
-from ces_data.findings import WRONG_MODEL, Finding
-from ces_data.limits import StatisticLimits
+from ces_data.bags.find import find_bags
+from ces_data.checks.content import require_once
+from ces_data.findings import Finding
+from ces_data.outputs import REPORT as REPORT_FILE
+from ces_data.outputs import require_outputs
 from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.options import REGIONS, WEIGHT
 from ces_identify.prepare.cost import Weighting, parse_weighting
-from ces_identify.prepare.series import prepare
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size, evaluate
+from ces_identify.validation.checked import evaluate_checked
+from ces_identify.validation.evaluate import Evaluation, describe_size
 from ces_identify.validation.lacks import head_lines
 from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.errors import CesError
@@ -48,7 +48,6 @@ from ces_report.shell import PageHead
 
 NOT_PROVED = 1  # exit status
 ROUNDING = 1e-9  # relative
-SIGNED = ("position", "force")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,39 +127,12 @@ def _evaluate_recordings(
     findings = [*print_findings(recordings)]
     evaluations: list[Evaluation] = []
     for recording in recordings:
-        overlaps = find_known_recording(recording, model.provenance)
-        if overlaps:
-            terminal.print_warning(
-                f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
-                "here is lower than on new data"
-            )
         with terminal.step(f"evaluating {recording.name} ({len(evaluations) + 1} of {len(recordings)})"):
-            series = prepare(recording, model.sampling)
-            evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
-        if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in findings)):
-            findings += print_against_model(model, recording, evaluations[-1])
+            evaluation, added = evaluate_checked(model, recording, findings)
+        print_warnings(added)
+        evaluations.append(evaluation)
+        findings += added
     return evaluations, findings
-
-
-def print_against_model(model: Model, recording: Recording, evaluation: Evaluation) -> list[Finding]:
-    """Print and return what a model shows to be wrong with a recording: the unit of the force, or both signs."""
-    scored = evaluation.series.scored
-    findings = list(unit_against_model(evaluation.series.force[scored], evaluation.run.force[scored]))
-    if not findings and evaluation.cost > 100.0 * StatisticLimits.EXPLAINED:
-        low, high = model.sampling.stroke_m
-        sampling = replace(model.sampling, stroke_m=(min(low, -high), max(high, -low)))
-        series = prepare(reverse_signs(recording), sampling)
-        (turned,) = evaluate(model, [series], VALIDATION)
-        findings = list(signs_against_model(evaluation.cost, turned.cost))
-    findings = [replace(finding, text=f"{recording.name}: {finding.text}") for finding in findings]
-    print_warnings(findings)
-    return findings
-
-
-def reverse_signs(recording: Recording) -> Recording:
-    """Return the recording with position and force of the opposite sign."""
-    turned = {name: replace(recording.channels[name], values=-recording.channels[name].values) for name in SIGNED}
-    return replace(recording, channels={**recording.channels, **turned})
 
 
 def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:

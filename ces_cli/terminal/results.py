@@ -41,7 +41,7 @@ def print_costs(
     print_table(table)
     for line in explain_missing(evaluations, floors=any(e.floor is not None for e in evaluations)):
         print(f"{NONE}: {line}")
-    for text in filter(None, (text for e in evaluations for text in (e.outside_text, e.held_text))):
+    for text in (text for e in evaluations for text in e.warnings):
         print_warning(text)
 
 

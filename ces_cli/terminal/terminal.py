@@ -26,7 +26,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from ces_cli.terminal.heartbeat import heartbeat
-from ces_cli.terminal.options import Argument, OptionRule, ProgramRequest, find_given, require_applicable
+from ces_cli.terminal.options import Argument, OptionRule, ProgramRequest, find_given, list_actions, require_applicable
 from ces_data.bags.reader import LogTimeWarning, read_recording
 from ces_data.compilation import CompilationNotice
 from ces_data.findings import require_usable
@@ -34,7 +34,7 @@ from ces_data.log_formats import is_log
 from ces_data.reading import read_log
 from ces_data.recording import Recording
 from ces_identify.jobs import end_process
-from ces_observer.errors import CesError, OptionName
+from ces_observer.errors import CesError, OptionName, suggest
 from ces_observer.fields import REQUIRED, Field
 from ces_observer.options import Option
 from ces_observer.signals import Signals
@@ -46,6 +46,7 @@ Request = TypeVar("Request", bound=ProgramRequest)
 FORCE = ("position", "current", "force")  # signals of a recording with a measured force
 USER_ERROR = 2
 PART = "request of the part"  # key of the values: which subprogram is asked for
+UNRECOGNIZED = "unrecognized arguments: "  # how argparse's message begins
 MIN_TEXT_WIDTH = 12  # characters of a column of texts that may wrap
 INTERRUPTED = 130
 PATIENCE_S = 1.0
@@ -84,7 +85,12 @@ class Parser(argparse.ArgumentParser, Generic[Request]):
         return options
 
     def error(self, message: str) -> NoReturn:
-        """Print `message` and where to find help, then exit with status 2."""
+        """Print `message`, an option that may be meant, and where to find help, then exit with status 2."""
+        if message.startswith(UNRECOGNIZED):
+            word = message.removeprefix(UNRECOGNIZED).split()[0].partition("=")[0]
+            known = [text for action in list_actions(self) for text in action.option_strings]
+            near = suggest(word, known) if word.startswith("--") else ""
+            message += near if "did you mean" in near else ""
         text = as_one_line(f"{self.prog}: error: {message}; see '{self.prog} --help'")
         self.exit(USER_ERROR, f"{text}\n")
 

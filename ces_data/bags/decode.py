@@ -8,6 +8,7 @@ one by one.
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -37,6 +38,7 @@ Index = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+NAMES_BESIDE = ("name", "joint_names", "interface_names")  # fields with the names of the elements beside them
 HEADER = (Nodetype.NAME, "std_msgs/msg/Header")
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 LAYOUTS_PER_LENGTH = 16  # a topic with more layouts of one length, such as joint orders, is read one by one
@@ -119,12 +121,14 @@ class MessageLayout:
     """The offsets of the requested numbers, and the bytes that determine them.
 
     `fixed` (k,) are the positions of these bytes, `expected` (k,) their values. `numbers` has an entry for each
-    requested number: its offset and type, or the reason (str) why messages of this layout do not have it.
+    requested number: its offset and type, or the reason (str) why messages of this layout do not have it. `names` are
+    what the messages call the elements that are requested by index, '' where they have no names.
     """
 
     fixed: Index
     expected: Bytes
     numbers: tuple[NumberField | str, ...]
+    names: tuple[str, ...] = ()
 
 
 def describe_layout(raw: bytes, kind: str, paths: Sequence[FieldPath], typestore: Typestore) -> MessageLayout | None:
@@ -153,7 +157,19 @@ def describe_layout(raw: bytes, kind: str, paths: Sequence[FieldPath], typestore
             return None
         numbers.append(number)
     fixed = np.unique(np.concatenate([np.arange(*span) for span in walk.fixed]))
-    return MessageLayout(fixed, buffer[fixed], tuple(numbers))
+    return MessageLayout(fixed, buffer[fixed], tuple(numbers), tuple(element_name(message, path) for path in paths))
+
+
+def element_name(message: object, path: FieldPath) -> str:
+    """Return what a message calls the elements that a path takes by index, such as a joint; '' without names."""
+    names, value = [], message
+    for step, element in path.steps:
+        parent, value = value, getattr(value, step, None)
+        if isinstance(element, int) and value is not None:
+            listed = next((getattr(parent, key) for key in NAMES_BESIDE if len(getattr(parent, key, ()))), ())
+            names += [str(listed[element])] if element < len(listed) else []
+            value = value[element] if element < len(value) else None
+    return ".".join(names)
 
 
 def _make_part(description: FieldDesc, typestore: Typestore) -> Part:
@@ -186,6 +202,8 @@ class MessageDecoder:
         self.fields = tuple(paths)
         self.paths = (*self.stamp, *paths)
         self._reasons = [""] * len(self.paths)
+        self._names, self._begun = [""] * len(self.paths), False
+        self._others: list[Counter[str]] = [Counter() for _ in self.paths]
         self._layouts: dict[int, list[MessageLayout]] = {}
         self._one_by_one: set[int] = set()
 
@@ -194,8 +212,36 @@ class MessageDecoder:
         """The first reason why each number is missing, '' if none is."""
         return self._reasons[len(self.stamp) :]
 
+    @property
+    def names(self) -> list[str]:
+        """What the first message calls each element that is taken by index, '' without names."""
+        return self._names[len(self.stamp) :]
+
+    @property
+    def others(self) -> list[Counter[str]]:
+        """How many messages call the element otherwise; these have no number."""
+        return self._others[len(self.stamp) :]
+
+    def _name_of(self, raw: bytes, path: FieldPath) -> str:
+        if not any(isinstance(element, int) for _, element in path.steps):
+            return ""
+        try:
+            return element_name(self.typestore.deserialize_cdr(raw, self.kind), path)
+        except DAMAGED as error:
+            raise RecordingError(f"{self.where}: a message cannot be decoded as {self.kind}: {error}") from None
+
+    def _contradicts(self, i: int, name: str, count: int) -> bool:
+        """Return whether so many messages have another name at number i than the first message."""
+        differs = bool(name and self._names[i]) and name != self._names[i]
+        if differs:
+            self._others[i][name] += count
+        return differs
+
     def decode(self, block: Block) -> tuple[Index, Floats, Mask]:
         """Return the header stamps [ns] of n messages (n,), 0 without; numbers and the mask of those present (n, k)."""
+        if not self._begun and len(block):
+            self._begun, first = True, block.payload(0)
+            self._names = [self._name_of(first, path) for path in self.paths]
         values = np.full((len(block), len(self.paths)), np.nan)
         present = np.zeros(values.shape, dtype=np.bool_)
         for length in map(int, np.unique(block.lengths)):
@@ -215,9 +261,10 @@ class MessageDecoder:
         """Return the numbers of a raw message, or the reason (str) for each that it does not have."""
         numbers: list[float | str] = []
         message = self.typestore.deserialize_cdr(raw, self.kind)
-        for path in self.paths:
+        for i, path in enumerate(self.paths):
             try:
-                numbers.append(path.read(message))
+                number, name = path.read(message), element_name(message, path)
+                numbers.append(f"another joint, {name}" if self._contradicts(i, name, 1) else number)
             except SignalsError as error:
                 numbers.append(str(error))
         return numbers
@@ -246,7 +293,7 @@ class MessageDecoder:
         mine = rows[fits]
         self._note(layout.numbers)
         for i, number in enumerate(layout.numbers):
-            if not isinstance(number, str):
+            if len(mine) and not isinstance(number, str) and not self._contradicts(i, layout.names[i], len(mine)):
                 values[mine, i] = number.read(block.buffer, block.starts[mine])
                 present[mine, i] = True
         return np.asarray(rows[~fits])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
+from ces_data.bags.clocks import compare_clocks, find_shift
 from ces_data.bags.decode import DAMAGED, HEADER, Block, MessageDecoder, TopicSamples
 from ces_data.bags.storage import Bag, Topic, open_bag
 from ces_data.recording import Stamps, Values
@@ -77,7 +79,8 @@ def read_fields(path: Path) -> BagFields:
                 samples[name].add(block)
             if len(samples) + len(skipped) == len(topics) and all(s.count >= MAX_SAMPLES for s in samples.values()):
                 break
-        series = tuple(one for name in samples for one in _list_series(topics[name], samples[name]))
+        shift_ns = _shift_of(samples)
+        series = tuple(one for name in samples for one in _list_series(topics[name], samples[name], shift_ns))
         return BagFields(series, bag.topics, skipped)
 
 
@@ -152,12 +155,21 @@ def _make_decoder(bag: Bag, topic: Topic, block: Block) -> MessageDecoder | str:
     return MessageDecoder(topic.type, paths, typestore, where) if paths else "no numbers"
 
 
-def _list_series(topic: Topic, samples: TopicSamples) -> Iterator[FieldSeries]:
-    """Yield the series of each field that some message has."""
+def _shift_of(samples: Mapping[str, TopicSamples]) -> int:
+    """Return by how much log times are moved back to the headers' clock [ns], 0 where a reader would refuse."""
+    joined = {name: own.join()[:2] for name, own in samples.items() if own.count}
+    clocks = [clock for name, stamps in joined.items() if (clock := compare_clocks(name, *stamps))]
+    with suppress(RecordingError):
+        return find_shift(clocks, [name for name, (header_ns, _) in joined.items() if not header_ns.any()], "")[0]
+    return 0
+
+
+def _list_series(topic: Topic, samples: TopicSamples, shift_ns: int = 0) -> Iterator[FieldSeries]:
+    """Yield the series of each field that some message has, log times moved back by `shift_ns`."""
     if not samples.count:
         return
     header_ns, log_ns, values, _ = samples.join()
-    stamps = header_ns if header_ns.any() else log_ns
+    stamps = header_ns if header_ns.any() else log_ns - shift_ns
     for path, numbers in zip(samples.decoder.fields, values.T, strict=True):
         present = np.isfinite(numbers)
         if present.any():

@@ -8,23 +8,25 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from ces_data.bags.clocks import HeaderClock, compare_clocks, find_shift
 from ces_data.bags.decode import MessageDecoder, TopicSamples
 from ces_data.bags.fields import format_fields
 from ces_data.bags.storage import ALONE, MEASURED, Bag, Topic, open_bag
-from ces_data.limits import OrderLimits
-from ces_data.recording import Channel, Recording, Stamps
+from ces_data.limits import OrderLimits, RecordingLimits, StatisticLimits
+from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_data.samples import INTEGRATED, velocity_beside
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Constant, Signal, Signals
 
 INPUTS = ("position", "current")
-MAX_TOPICS_LISTED = 20
+MAX_TOPICS_LISTED, MAX_OTHERS = 20, 3
+INDEX = re.compile(r"\[\d+\]")
 # `ros2 bag record --compression-mode message` compresses on one thread for each core and stores a message when its
 # thread is done (rosbag2's SequentialCompressionWriter), so a message may follow later ones. It fills a hole that it
 # left. Where a clock was set back, or a bag was played again, time that was recorded already comes a second time.
@@ -74,8 +76,9 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
         for name, block in bag.blocks(readers):
             readers[name].add(block)
         by_name: dict[str, Channel] = {}
+        shift_ns = _find_shift(bag, list(readers.values()))
         for name in list(readers):
-            by_name |= readers.pop(name).channels()  # frees what it has read
+            by_name |= readers.pop(name).channels(shift_ns)  # frees what it has read
         digest = bag.sha256()
     sorted_ = {name: sort_late_samples(by_name[name]) for name in signals.by_name if name in by_name}
     texts = [f"{name} {late}" for name, (_, late) in sorted_.items() if late]
@@ -86,6 +89,18 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
     channels = {name: channel for name, (channel, _) in sorted_.items()}
     optional = frozenset({"speed"} if beside is not None and bag.speed == MEASURED else ())
     return Recording(path.name if path.is_dir() else path.stem, channels, constants, str(path), digest, optional)
+
+
+def _find_shift(bag: Bag, readers: Sequence[_TopicReader]) -> int:
+    """Return by how much the log times of topics without headers are moved back [ns]; warns of it."""
+    if bag.exact_log_times:
+        return 0
+    clocks = [clock for reader in readers if (clock := reader.clock())]
+    unstamped = [reader.topic.name for reader in readers if not reader.join()[0].any()]
+    shift_ns, texts = find_shift(clocks, unstamped, str(bag.path))
+    for text in texts:
+        warnings.warn(text, RecordingWarning, stacklevel=3)
+    return shift_ns
 
 
 def _find_topic(bag: Bag, signal: Signal, signals: Signals, needed: bool) -> Topic | None:
@@ -120,22 +135,48 @@ class _TopicReader(TopicSamples):
         fields = [signal.field for signal in signals]
         super().__init__(MessageDecoder(topic.type, fields, bag.typestore(topic), where))
 
-    def channels(self) -> dict[str, Channel]:
-        """Return the channels by signal; raises SignalsError if no message has a field."""
+    def clock(self) -> HeaderClock | None:
+        """Return the clock of the headers against the log's, None without."""
+        return compare_clocks(self.topic.name, *self.join()[:2], self.signals[0].delay_ns)
+
+    def channels(self, shift_ns: int) -> dict[str, Channel]:
+        """Return the channels by signal, log times moved back by `shift_ns`; raises SignalsError without a field."""
         header_ns, log_ns, values, present = self.join()
         channels = {}
         for i, signal in enumerate(self.signals):
             rows = present[:, i]
             self._require_field(i, signal, int(rows.sum()))
+            self._require_one_name(i, signal)
             stamped = bool(header_ns[rows].any())
+            dated = stamped and header_ns.max() > 1e9 * RecordingLimits.BOOT_S  # else 0 may be the first time
+            if empty := int((header_ns[rows] == 0).sum()) if dated else 0:
+                text = f"{empty} of {rows.sum()} messages on {self.topic.name} have an empty header stamp"
+                warnings.warn(f"{signal.name}: {text}; they are left out", RecordingWarning, stacklevel=2)
+                rows = rows & (header_ns != 0)
             if rows.any() and not stamped and not self.exact_log_times:
                 reason = "an empty header stamp" if self.decoder.stamp else "no header"
                 text = f"{self.topic.type} on {self.topic.name} has {reason}; stamped with the bag's log time"
                 warnings.warn(f"{signal.name}: {text}", LogTimeWarning, stacklevel=2)
-            stamps = (header_ns if stamped else log_ns)[rows] - signal.delay_ns
+            stamps = (header_ns if stamped else log_ns - shift_ns)[rows] - signal.delay_ns
             numbers = signal.scale * values[rows, i] + signal.offset
+            if signal.name == "position" and is_interleaved(numbers):
+                text = f"every other message on {self.topic.name} goes on another series (two publishers of one topic?)"
+                warnings.warn(f"position: {text}; record one of them", RecordingWarning, stacklevel=2)
             channels[signal.name] = Channel(signal.name, signal.unit, stamps, numbers)
         return channels
+
+    def _require_one_name(self, i: int, signal: Signal) -> None:
+        """Raise RecordingError if an index belongs to several joints; warn of, and leave out, fewer than 1 %."""
+        first, others = self.decoder.names[i], self.decoder.others[i]
+        if not others:
+            return
+        count, listed = others.total(), ", ".join(f"'{name}' in {n}" for name, n in others.most_common(MAX_OTHERS))
+        text = f"{signal.field.text} on {self.topic.name} is '{first}' first, and {listed} of {self.count} messages"
+        why = "several publishers, or an order that changes"
+        if count >= RecordingLimits.CONTRADICTED_SHARE * self.count:
+            remedy = f"take it by name: {INDEX.sub(f'[{first}]', signal.field.text, count=1)}"
+            raise RecordingError(f"{self.decoder.where}: {signal.name}: {text} ({why}); {remedy}")
+        warnings.warn(f"{signal.name}: {text} ({why}); these are left out", RecordingWarning, stacklevel=2)
 
     def _require_field(self, i: int, signal: Signal, count: int) -> None:
         """Raise SignalsError if no message has the field; warn if some have not."""
@@ -146,9 +187,20 @@ class _TopicReader(TopicSamples):
             first = self.decoder.typestore.deserialize_cdr(self.first, self.topic.type)
             has = format_fields(first, self.topic.type, self.decoder.typestore)
             raise SignalsError(f"{self.decoder.where}: signal '{signal.name}': {reason}; {has}")
-        if count < self.count:
+        if count + self.decoder.others[i].total() < self.count:
             missing = f"missing in {self.count - count} of {self.count} messages on {self.topic.name}"
             warnings.warn(f"{signal.name}: {missing}: {reason}", RecordingWarning, stacklevel=2)
+
+
+def is_interleaved(values: Values) -> bool:
+    """Return whether each value is nearer to the last but one than to the last, in the median: two series in turn.
+
+    Of a smooth series it is twice as far away, of noise as far.
+    """
+    if len(values) < StatisticLimits.ENOUGH:
+        return False
+    last, last_but_one = (float(np.nanmedian(np.abs(values[n:] - values[:-n]))) for n in (1, 2))
+    return last_but_one < RecordingLimits.INTERLEAVED * last
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from typing import Any, cast
 
 import yaml
 import zstandard
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
-from rosbags.interfaces.typing import Typesdict
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -33,6 +33,7 @@ from ces_data.log_formats import explain_import, is_foreign
 from ces_observer.errors import RecordingError
 
 IDL_SEPARATOR = "=" * 80 + "\n"
+PREPROCESSOR = re.compile(r"^[ \t]*#.*$", re.MULTILINE)  # lines of IDL, whose files are in the definition, too
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # a message begins with 0
 METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
@@ -118,10 +119,11 @@ class Bag:
         definition = next((t.definition for t in mine if t.definition.format != MessageDefinitionFormat.NONE), None)
         store = get_typestore(Stores.ROS2_JAZZY if definition is None else Stores.EMPTY)
         if definition is not None:
+            where = f"{self.path}: the definition of {topic.type} in the bag"
             try:
-                store.register(_parse_types(definition, topic.type))
+                store.register(_complete_types(_parse_types(definition, topic.type), topic.type, where))
             except TypesysError as error:
-                raise RecordingError(f"{self.path}: the definition of {topic.type} in the bag: {error}") from None
+                raise RecordingError(f"{where}: {first_line(error)}") from None
         elif topic.type not in store.fielddefs:
             unknown = f"topic {topic.name} is {topic.type}, neither of ROS 2 Jazzy nor defined in the bag"
             raise RecordingError(f"{self.path}: {unknown}; record it with MCAP storage, which keeps the definition")
@@ -146,8 +148,33 @@ def _parse_types(definition: MessageDefinition, name: str) -> Typesdict:
     texts = [part.partition("\n")[2] for part in parts if part.startswith("IDL: ")] or [definition.data]
     types: Typesdict = {}
     for text in texts:
-        types.update(get_types_from_idl(text))
+        types.update(get_types_from_idl(PREPROCESSOR.sub("", text)))
     return types
+
+
+def _complete_types(types: Typesdict, name: str, where: str) -> Typesdict:
+    """Return the types with those of ROS 2 Jazzy that they use and do not define; raises RecordingError for others."""
+    known, waiting = get_typestore(Stores.ROS2_JAZZY).fielddefs, [name]
+    seen = set(waiting)
+    while waiting:
+        kind = waiting.pop()
+        if kind not in types and kind not in known:
+            remedy = "record it with all its types, or leave the topic out (mcap filter)"
+            raise RecordingError(f"{where} uses {kind}, which neither the bag nor ROS 2 Jazzy defines; {remedy}")
+        types.setdefault(kind, known[kind] if kind not in types else types[kind])
+        used = {str(one) for _, of in types[kind][1] for one in _named_types(of)}
+        waiting += used - seen
+        seen |= used
+    return types
+
+
+def _named_types(description: FieldDesc) -> Iterator[str]:
+    """Yield the names of the messages in a field's type."""
+    kind, content = description
+    if kind == Nodetype.NAME:
+        yield str(content)
+    elif kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        yield from _named_types(cast(FieldDesc, content[0]))
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,10 @@ from ces_observer.errors import RecordingError
 TIME_KEYS = ("Time", "time", "t")
 DATA_KEYS = ("Data", "data", "values", "Values", "value")
 MIN_ROWS = 2
+STEPS = re.compile(r"(?:[^.({[]|\([^)]*\)|\{[^}]*\}|\[[^\]]*\])+")  # of a path, between its points
+INDEXED = re.compile(r"(.+?)(\((?:\d+|:,\d+)\)|\{\d+\}|\[\d+\])$")
+DATA_OF = re.compile(r"(?:(.+)\.)?(\w+)Data(?:\(:,(\d+)\))?")  # columns of System Identification Toolbox's iddata
+MAX_COLUMNS = 32  # of a matrix, that have names
 NO_NUMBERS = (ValueError, TypeError, OverflowError)  # the last for a whole number that no float holds
 MAX_SHOWN = 3
 COMPLEX = "holds complex numbers; expected real ones"
@@ -78,8 +83,12 @@ class TreeTable(LogTable):
 
     def __init__(self, path: Path, mapping: DynoMapping, tree: Any) -> None:
         self.path = path
-        self.rows = mapping.rows if mapping.rows or mapping.signals else _find_rows(tree)
-        self.root = _follow_route(path, tree, self.rows)
+        runs = [] if mapping.rows or mapping.signals else _list_runs(tree)
+        self.rows = mapping.rows if mapping.rows or mapping.signals else runs[0] if runs else _find_rows(tree)
+        if runs:
+            kind = "cells" if runs[0].endswith("}") else "runs"
+            self.doubts = (f"rows: the file has {len(runs)} {kind}, {runs[0]} to {runs[-1]}; this is {runs[0]}",)
+        self.tree, self.root = tree, _follow_route(path, tree, self.rows)
         if not len(self.root):
             raise RecordingError(f"{path}: '{mapping.rows or 'the file'}' is empty; expected rows of numbers")
         self.names = mapping.names or (() if mapping.signals else tuple(self._find_names()))
@@ -115,6 +124,28 @@ class TreeTable(LogTable):
         rows = not isinstance(self.root, Mapping) and isinstance(self.root[0], list | np.ndarray)
         return len(self.root[0]) if rows else len(self.names)
 
+    def title(self, key: str | int) -> str:
+        """Return the name that an iddata's structure states for the column, as `InputName` for `InputData(:,2)`."""
+        return self._beside(key, "Name")
+
+    def unit(self, key: str | int) -> str:
+        """Return the unit that it states, '' if none."""
+        return self._beside(key, "Unit")
+
+    def _is_elsewhere(self, key: str) -> bool:
+        """Return whether a column may be a path from the file on, and not one in the table."""
+        return isinstance(self.tree, Mapping) and re.split(r"[.({\[]", key)[0] in self.tree
+
+    def _beside(self, key: str | int, what: str) -> str:
+        match = DATA_OF.fullmatch(str(key))
+        holder: Any = self.root if match and isinstance(self.root, Mapping) else {}
+        for step in match[1].split(".") if match and match[1] else []:
+            holder = holder.get(step) if isinstance(holder, Mapping) else {}
+        texts = holder.get(f"{match[2]}{what}", "") if match and isinstance(holder, Mapping) else ""
+        several = [texts] if isinstance(texts, str) else list(texts)
+        at = int(match[3] or 1) - 1 if match else 0
+        return str(several[at]) if at < len(several) else ""
+
     def _find_names(self) -> Iterator[str]:
         """Yield the paths to the columns that have names; those of single numbers, such as a rate, after the arrays."""
         if isinstance(self.root, Mapping):
@@ -128,7 +159,7 @@ class TreeTable(LogTable):
 
     def _cells(self, key: str | int) -> Any:
         if isinstance(self.root, Mapping):
-            return self.root[key] if str(key) in self.root else _follow_route(self.path, self.root, str(key))
+            return self.root[key] if str(key) in self.root else _follow_route(self.path, self.root, str(key), True)
         top = self.root[0]
         if isinstance(key, str) and isinstance(top, Mapping):
             bad = next((row for row, cells in enumerate(self.root) if not isinstance(cells, Mapping)), None)
@@ -136,6 +167,8 @@ class TreeTable(LogTable):
                 return [row.get(key) for row in self.root] if key in top else _follow_route(self.path, top, key)
         elif not isinstance(top, list | np.ndarray):
             raise RecordingError(f"{self.path}: a list of single values; expected rows, or columns by name")
+        elif isinstance(key, str) and key not in self.names and self._is_elsewhere(key):
+            return _follow_route(self.path, self.tree, key)
         else:
             i = self._index(key, len(top))
             if isinstance(self.root, np.ndarray):
@@ -192,18 +225,50 @@ class TreeSeries(TimedLog):
         return series
 
 
-def _follow_route(path: Path, tree: Any, route: str) -> Any:
+def _follow_route(path: Path, tree: Any, route: str, scalar: bool = False) -> Any:
     """Return the table at a path of names, such as `results.data`; raises RecordingError for an unknown name."""
-    for step in route.split(".") if route else []:
-        if not isinstance(tree, Mapping) or step not in tree:
+    for step in STEPS.findall(route):
+        if not isinstance(tree, Mapping) or (step not in tree and not INDEXED.match(step)):
             names = ", ".join(str(key) for key in tree if _is_plain(key)) if isinstance(tree, Mapping) else "no names"
             raise RecordingError(f"{path}: no '{step}' in the path '{route}'; expected one of {names}")
-        tree = tree[step]
+        if step in tree:
+            tree = tree[step]
+        else:
+            name, index = INDEXED.match(step).groups()  # type: ignore[union-attr]
+            inner = _follow_route(path, tree, name)
+            tree = _take_part(inner, index, f"{path}: '{route}'")
         if opaque := _describe_object(tree, step):
             raise RecordingError(f"{path}: {opaque}")
-    if not isinstance(tree, Mapping | list | np.ndarray):
+    if not isinstance(tree, Mapping | list | np.ndarray) and not (scalar and isinstance(tree, int | float)):
         raise RecordingError(f"{path}: '{route}' is a {type(tree).__name__}; expected a table")
     return tree
+
+
+def _take_part(value: Any, index: str, where: str) -> Any:
+    """Return `run(2)` of an array of structures, `data{2}` of a cell array, column `z(:,2)`, or item [1]."""
+    numbers = re.findall(r"\d+", index)
+    at = int(numbers[-1]) - (0 if index.startswith("[") else 1)
+    whole = ":" in index
+    count = np.shape(value)[1] if whole and np.ndim(value) > 1 else len(value)
+    if not 0 <= at < count:
+        first, last = (0, count - 1) if index.startswith("[") else (1, count)
+        raise RecordingError(f"{where}: no part {index}; expected {first} to {last} there")
+    return np.asarray(value)[:, at] if whole else value[at]
+
+
+def _list_runs(tree: Any) -> list[str]:
+    """Return the paths to the parts of the first array of structures, or cell array, whose parts hold arrays."""
+    for name, value in _walk(tree) if isinstance(tree, Mapping) else ():
+        parts = list(value) if isinstance(value, list) or _is_cells(value) else []
+        if len(parts) > 1 and all(isinstance(part, Mapping) and next(_list_arrays(part), None) for part in parts):
+            return [f"{name}({i})" for i in range(1, 1 + len(parts))]
+        if len(parts) > 1 and all(isinstance(part, np.ndarray) and part.ndim == 2 for part in parts):
+            return [f"{name}{{{i}}}" for i in range(1, 1 + len(parts))]
+    return []
+
+
+def _is_cells(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype == object
 
 
 def _is_plain(name: object) -> bool:
@@ -225,6 +290,8 @@ def _list_arrays(tree: Mapping[str, Any]) -> Iterator[str]:
     for name, value in _walk(tree):
         if (numbers := _as_numbers(value)) is not None and len(numbers) >= MIN_ROWS:
             yield name
+        elif isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "biuf" and "." in name:
+            yield from (f"{name}(:,{i + 1})" for i in range(min(MAX_COLUMNS, value.shape[1])) if len(value) >= MIN_ROWS)
 
 
 def _find_series(tree: Any) -> TimedValues | None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.bags.storage import open_bag
 from ces_data.config_file import first_line
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
@@ -29,7 +30,7 @@ MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
 REMEDIES = {  # what to do about files that are not read
     **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods"), "save the sheet as CSV"),
     **dict.fromkeys((".gz", ".zip", ".7z", ".bz2", ".xz", ".tar", ".rar"), "unpack it"),
-    **dict.fromkeys((".tdms", ".tdm"), "export it as CSV (DIAdem, or NI's TDMS add-in for Excel)"),
+    ".tdm": "export it as TDMS or CSV (DIAdem)",
     **dict.fromkeys((".dxd", ".d7d", ".dsd"), "export it as CSV, MAT or MDF from DewesoftX"),
     **dict.fromkeys((".h5", ".hdf5", ".hdf"), "only MATLAB's own HDF5 files (.mat) are; write CSV or Parquet"),
     **dict.fromkeys((".jsonl", ".ndjson"), "write one JSON list of the rows (jq -s . FILE), or CSV"),
@@ -41,6 +42,7 @@ LIBRARIES = {  # optional ones: the package to install, and the extra that has i
     "can": ("python-can", "can"),
     "cantools": ("cantools", "can"),
     "h5py": ("h5py", "mat73"),
+    "nptdms": ("nptdms", "tdms"),
     "pyarrow": ("pyarrow", "parquet"),
 }
 Progress = Callable[[float], None]  # is called with the share that is read
@@ -64,6 +66,7 @@ class LogTable(ABC):
     path: Path
     names: Sequence[str]
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()  # what a person has to choose, such as one of several runs
     breaks: Sequence[int] = ()  # rows (from 0) at which a block begins whose time may begin again
     rows = ""  # the path to the table inside the file
     unread: Mapping[str, str] = {}  # names of what cannot be a column, each with the reason
@@ -91,6 +94,10 @@ class LogTable(ABC):
 
     def unit(self, key: str | int) -> str:
         """Return the unit that the file states for a column, '' if none."""
+        return ""
+
+    def title(self, key: str | int) -> str:
+        """Return a better name of a column than its key, '' if the file states none."""
         return ""
 
     def first(self, key: str | int) -> float:
@@ -204,6 +211,8 @@ def open_format(kind: str, path: Path, mapping: DynoMapping, progress: Progress)
 def refuse_bag(path: Path) -> None:
     """Raise RecordingError if the file or folder is a rosbag2 recording, which all programs read as it is."""
     if path.suffix in BAGS or (path.is_dir() and (path / "metadata.yaml").is_file()):
+        with open_bag(path):  # which may say that it is not of ROS 2
+            pass
         raise RecordingError(f"{path}: a bag needs no import: ces info {path}")
     if path.is_dir():
         raise RecordingError(f"{path}: is a folder; expected a log (.csv, .mat, .mf4, ...)")

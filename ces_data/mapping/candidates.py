@@ -168,7 +168,8 @@ def _read_columns(table: LogTable) -> tuple[list[TableColumn], dict[str, str]]:
         except RecordingError as error:
             unread.update({signal: without_path(error, table) for signal in _meanings(str(name))})
             continue
-        stated, (plain, unit) = find_unit(table.unit(key)), split_unit(DIALLED_PATH.sub("", str(name)))
+        stated = find_unit(table.unit(key))
+        plain, unit = split_unit(table.title(key) or DIALLED_PATH.sub("", str(name)))
         where = "from the header" if stated else "from its name" if unit else ""
         columns.append(TableColumn(key, values, stated or unit, plain, where))
     return columns, unread

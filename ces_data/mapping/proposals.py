@@ -220,6 +220,7 @@ class _MappingWriter:
         guesses = [f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses]
         unread = [m for m in self.absent if m.signal in optional and m.signal in candidates.unread]
         self.remarks = (*guesses, *(f"{m.signal}: {m.reason}; it is not read" for m in unread))
+        self.doubts = [*(log.doubts if isinstance(log, LogTable) else ()), *self.doubts]
         if candidates.time_doubt:
             self.doubts.append(candidates.time_doubt)
         if names and not damper:

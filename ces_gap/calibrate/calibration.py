@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from ces_data.frames import import_pandas
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.baseline.wrappers import RememberedSimulation
@@ -31,7 +33,7 @@ from ces_gap.limits import ParameterLimits, SearchLimits
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, gap_N, noise_floor_N
 from ces_identify.simulations.simulation import Simulation
-from ces_report.table import PrintedResult
+from ces_report.table import PrintedResult, summarize_result
 
 RUNS = 50  # for each parameter and one more, measured: about as often a fit with the choice runs the simulation
 DECLARED = (
@@ -44,7 +46,7 @@ WORSE = "the fitted values explain held-out recordings no better than the defaul
 class FittedParameter:
     """A parameter's value with its 95 % interval beside its default, which it keeps if it is not `determined`.
 
-    It `matters` if it is a part of the best explanation of the gap.
+    Its `unit` is empty where the name ends with it. It `matters` if it is a part of the best explanation of the gap.
     """
 
     name: str
@@ -110,6 +112,34 @@ class Calibration(PrintedResult):
     notes: tuple[str, ...] = ()
     is_smoothed: bool = False  # whether the smoothed position was better than the logged one
     held_out: tuple[HeldOutSeries, ...] = ()  # with the force before and after
+
+    @property
+    def sentence(self) -> str:
+        """What was found."""
+        return summarize_result(self)[0][0]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The value of each parameter by its name."""
+        return {parameter.name: parameter.value for parameter in self.parameters}
+
+    def to_frame(self) -> Any:
+        """Return the parameters as a DataFrame with their 95 % intervals; endless for one that is not determined."""
+        rows = [
+            {
+                "parameter": p.name,
+                "unit": p.unit,
+                "default": p.default,
+                "value": p.value,
+                "low": p.ci95[0],
+                "high": p.ci95[1],
+                "determined": p.determined,
+                "at_bound": p.at_bound,
+                "matters": p.matters,
+            }
+            for p in self.parameters
+        ]
+        return import_pandas().DataFrame(rows)
 
 
 def calibrate(

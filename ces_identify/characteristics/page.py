@@ -1,8 +1,4 @@
-"""The results as files: the page with charts and tables, measured beside simulated, and a CSV file for each table.
-
-`columns.csv` gives unit and meaning of every column. The charts follow: levels of current and sources have colours of
-their own, and loops are shown for a few test points, each an amplitude and frequency run at several currents.
-"""
+"""The results as files: the page with charts and tables, measured beside simulated, and a CSV file for each table."""
 
 from __future__ import annotations
 

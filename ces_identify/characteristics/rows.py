@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from ces_data.frames import import_pandas
 from ces_identify.characteristics.cycles import REASONS, Cycles
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion
+from ces_observer.errors import CesError, suggest
 from ces_report.table import PrintedResult, column, whole, words
 
 ALL = "all"
@@ -253,6 +255,12 @@ class Characteristics(PrintedResult):
     steps: tuple[StepResponse, ...]
     speed_bins: tuple[SpeedBin, ...]
     omissions: tuple[Omission, ...]
+
+    def to_frame(self, table: str = "peak_velocity") -> Any:
+        """Return a table as a DataFrame: one of TABLES, or "recordings". Raises CesError."""
+        if table not in (names := [*TABLES, "recordings"]):
+            raise CesError(f"{table!r}: is no table{suggest(str(table), names)}")
+        return import_pandas().DataFrame([asdict(row) for row in getattr(self, table)])
 
 
 TABLES: dict[str, type[Any]] = {

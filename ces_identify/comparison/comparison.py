@@ -6,18 +6,14 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from ces_data.checks.content import require_once
+from ces_data.frames import import_pandas, import_pyplot
 from ces_data.recording import Recording
 from ces_identify.comparison.compared_models import (
-    BETTER,
-    DIVERGED,
-    NO_TEST,
-    SAME,
-    SHORT,
     TRAINED,
     UNKNOWN,
     AlignedRecording,
@@ -29,24 +25,14 @@ from ces_identify.comparison.compared_models import (
     pooled_costs,
 )
 from ces_identify.limits import ComparisonLimits
-from ces_identify.validation.cost_table import NONE, interval_text, percent
+from ces_identify.validation.cost_table import NONE
 from ces_identify.validation.evaluate import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
-from ces_report.plot import series_css
-from ces_report.table import Column, PrintedResult, Table, summarize_result
-from ces_report.typesetting import join_with, minus
+from ces_report.table import PrintedResult
+from ces_report.typesetting import join_with
 
-MAX_NAMES = 3  # of other models in a sentence
-LOWEST, TOO_SHORT = "lowest", "too short"
 MAX_DRAWN = 8  # models in charts, which have so many colours
 MAX_LINES = 84  # in the charts of all recordings together, so that the page stays below 3 MB
-HEADLINES = {
-    BETTER: "{best} is better than {others}",
-    SAME: "{best} cannot be told apart from {others}",
-    SHORT: "too short to know: whether {best} differs from {others}",
-    NO_TEST: "no test: {best} or {others} was identified on each recording",
-    DIVERGED: "no difference between {best} and {others}: a free run diverged",
-}
 
 
 @dataclass(frozen=True)
@@ -128,6 +114,38 @@ class Comparison(PrintedResult):
     def best(self) -> int:
         """The model of the lowest pooled cost."""
         return self.by_cost[0]
+
+    def to_frame(self) -> Any:
+        """Return the costs as a DataFrame, a row for each model and recording: J with its interval [%]."""
+        rows = [
+            {
+                "model": one.name,
+                "recording": cost.recording,
+                "J_percent": cost.cost,
+                "low_percent": cost.interval.low if cost.interval else math.nan,
+                "high_percent": cost.interval.high if cost.interval else math.nan,
+                "rms_N": cost.rms_N,
+                "use": cost.use,
+            }
+            for one in self.models
+            for cost in one.costs
+        ]
+        return import_pandas().DataFrame(rows)
+
+    def plot(self) -> Any:
+        """Return a matplotlib figure: measured and all simulated forces over time, the costs J in the legend."""
+        figure, rows = import_pyplot().subplots(
+            len(self.recordings), figsize=(11, 4 * len(self.recordings)), squeeze=False, layout="constrained"
+        )
+        for n, (recording, axes) in enumerate(zip(self.recordings, rows[:, 0], strict=True)):
+            axes.plot(recording.time_s, recording.measured, color="0.3", linewidth=1.0, label="measured")
+            for one, force in zip(self.models, recording.forces, strict=True):
+                name = f"{one.name}: J = {one.costs[n].cost:.1f} %"
+                axes.plot(recording.time_s, force, linewidth=1.0, label=name)
+            axes.set(xlabel="Time [s]", ylabel="Force [N]", title=recording.name)
+            axes.grid(alpha=0.3)
+            axes.legend(loc="upper right")
+        return figure
 
     def pair(self, first: int, second: int) -> PairResult:
         """Return the comparison of two models, whichever comes first."""
@@ -299,90 +317,3 @@ def _divergence_notes(comparison: Comparison) -> Iterator[str]:
 
 def _was(names: Sequence[str]) -> str:
     return "was" if len(names) == 1 else "were"
-
-
-def headline(comparison: Comparison) -> str:
-    """Return what the pooled costs say about the model with the lowest one, against every other."""
-    best, count = comparison.best, len(comparison.models) - 1
-    parts = []
-    for verdict, text in HEADLINES.items():
-        others = [i for i in range(count + 1) if i != best and comparison.pair(best, i).verdict == verdict]
-        if others:
-            shown = join_with([comparison.models[i].name for i in others[:MAX_NAMES]])
-            if len(others) > MAX_NAMES:
-                shown = f"all {count} others" if len(others) == count else f"{len(others)} of the others"
-            parts.append(text.format(best=comparison.models[best].name, others=shown))
-    return f"{'; '.join(parts)}."
-
-
-def format_signed(value: float) -> str:
-    """Return a difference [%] with its sign."""
-    return minus(f"{round(value, 2) + 0.0:+.2f}")  # no negative zero
-
-
-def describe_difference(difference: Difference) -> str:
-    """Return a difference with its interval, or why there is none."""
-    interval = describe_interval(difference)
-    return f"{format_signed(difference.value)} ({interval})" if math.isfinite(difference.value) else interval
-
-
-def describe_interval(difference: Difference) -> str:
-    """Return the interval of a difference as text; "diverged" or "too short" without one."""
-    low, high = difference.low, difference.high
-    if low is None or high is None:
-        return TOO_SHORT if math.isfinite(difference.value) else DIVERGED
-    return f"{format_signed(low)} to {format_signed(high)}"
-
-
-def model_table(comparison: Comparison) -> Table[int]:
-    """Return a row for each model, lowest cost first: its cost, how much that is above the lowest, and what it is."""
-    models, tests = comparison.models, comparison.test_names
-
-    def above(i: int) -> str:
-        difference = comparison.above_lowest(i)
-        return format_signed(difference.value) if difference else LOWEST if i == comparison.best else NONE
-
-    def above_interval(i: int) -> str:
-        difference = comparison.above_lowest(i)
-        return describe_interval(difference) if difference else ""
-
-    columns: list[Column[int]] = [
-        Column(
-            "Model",
-            lambda i: models[i].name,
-            html=lambda i: Markup("{}<b>{}</b>").format(swatch(comparison, i), models[i].name),
-            css="model",
-            short="model",
-            small=lambda i: models[i].facts[0],
-        ),
-        Column("Rate [Hz]", lambda i: models[i].facts[1], figure=True, page_only=True),
-        Column("Delay [ms]", lambda i: models[i].facts[2], figure=True, short="delay ms"),
-        Column(
-            "J over all tests [%]" if tests else "J over all, no test [%]",
-            lambda i: percent(models[i].pooled, models[i].pooled_interval),
-            figure=True,
-            short="J %",
-            small=lambda i: interval_text(models[i].pooled_interval),
-        ),
-        Column("Above the lowest [%]", above, figure=True, short="above the lowest", small=above_interval),
-        Column("Bound of the force [kN]", lambda i: models[i].bound_kN, figure=True, short="bound kN"),
-        Column("Outside envelope [%]", comparison.outside_percent, figure=True, short="out %"),
-    ]
-    title = f"cost J over {join_with(tests)}" if tests else "cost J over all (not a test)"
-    return Table(columns, comparison.by_cost, title)
-
-
-@summarize_result.register
-def _(comparison: Comparison) -> tuple[Sequence[str], Table[int]]:
-    return [headline(comparison), *(f"{note[0].upper()}{note[1:]}." for note in comparison.notes())], model_table(
-        comparison
-    )
-
-
-def swatch(comparison: Comparison, i: int) -> Markup:
-    """Return a line in the colour that a model has in the charts; nothing if they do not show it."""
-    if i not in comparison.drawn:
-        return Markup("")
-    return Markup(
-        '<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{}" d="M1,5h20"/></svg>'
-    ).format(series_css(comparison.drawn.index(i)))

@@ -15,9 +15,8 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_identify.comparison.compared_models import TRAINED, AlignedRecording, Difference, PairResult
-from ces_identify.comparison.comparison import (
-    Comparison,
-    RecordingCost,
+from ces_identify.comparison.comparison import Comparison, RecordingCost
+from ces_identify.comparison.summary import (
     describe_difference,
     describe_interval,
     format_signed,

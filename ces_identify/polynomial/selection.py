@@ -21,6 +21,7 @@ from ces_identify.numerics import kernels
 from ces_identify.numerics.search import (
     RUNNING,
     THESIS,
+    TIME_IS_UP,
     WORK_IS_DONE,
     Limits,
     Listener,
@@ -100,6 +101,11 @@ class TermSearch(ABC):
     def _reason_to_end(self) -> str:
         return self.start.reason_to_end() or (WORK_IS_DONE if self.trials >= self.budget else "")
 
+    def _must_end(self) -> bool:
+        """Return whether the start ends here; when its time is up, it goes on until it has a first model."""
+        reason = self._reason_to_end()
+        return bool(reason) and (reason != TIME_IS_UP or bool(np.isfinite(self.current.cost)))
+
 
 class GaussNewtonSearch(TermSearch):
     """One start; its current model is the best so far.
@@ -142,7 +148,7 @@ class GaussNewtonSearch(TermSearch):
         """Add up to `size` terms, prune after each success; False if PATIENCE of them have not lowered the cost."""
         model, stale = self.current, 0
         while len(model.chosen) < size:
-            if stale > PATIENCE or self._reason_to_end():
+            if stale > PATIENCE or self._must_end():
                 return False
             grown = self._add_best_candidate(model, np.inf)
             if grown is None:
@@ -181,7 +187,7 @@ class GaussNewtonSearch(TermSearch):
         """Return the best fit with one more term whose cost is below `bound`, None if there is none."""
         grown = []
         for chosen, coefficients in self._rank_candidates(model):
-            if self._reason_to_end():
+            if self._must_end():
                 return None
             self.trials += 1
             grown.append((chosen, self._fit(chosen, coefficients, STEPS)))

@@ -5,20 +5,25 @@ scikit-learn is not needed: without it, this is a class with `fit`, `predict` an
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ces_data.arrays import F
+from ces_data.frames import is_table
 from ces_data.logs.frame import is_frame
 from ces_data.reading import SIGNALS, as_recordings
 from ces_data.recording import Recording as Logged
 from ces_identify.options import IdentifyRequest
-from ces_identify.scripting.model import Model
+from ces_identify.prepare.series import prepare
+from ces_identify.scripting.model import Model, identify_model
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.simulate import sample_run
+from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.errors import CesError
 
 try:
@@ -45,34 +50,48 @@ class DataError(CesError, ValueError):
 COLUMNS = ("time_s", "position_m", "current_A")
 
 
+@dataclass(eq=False, repr=False)
 class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """Identifies a model: `fit`, then `predict` its forces, `score` them.
 
-    Options are those of `ces identify`. X is a list of recordings, which hold the measured force, or, with forces y
-    (n,) [N], a DataFrame or an array (n, 3) of times [s], positions [m] and currents [A]. After a fit, `model_` is the
-    `Model`.
+    Parameters are the options of `ces identify`, which `fit` checks; None is the program's default. X is a list of
+    recordings (paths, DataFrames, ...), which hold the measured force, or one of them, or, with forces y (n,) [N], an
+    array (n, 3) of times [s], positions [m] and currents [A]. After a fit, `model_` is the `Model`.
 
         cross_val_score(DamperModel(terms=12), recordings, cv=3)
     """
 
-    def __init__(self, structure: str = "auto", **options: Any) -> None:
-        self.structure = structure
-        self.options = options
-
-    def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Return the structure and the options that were given."""
-        return {"structure": self.structure, **self.options}
-
-    def set_params(self, **params: Any) -> Self:
-        """Change the structure, or options, which `fit` checks."""
-        self.structure = params.pop("structure", self.structure)
-        self.options = {**self.options, **params}
-        return self
+    structure: str = "auto"
+    time: float | None = None
+    starts: int | None = None
+    seed: int | None = None
+    target: float | None = None
+    threads: int | None = None
+    certificate: bool | None = None
+    forget: float | None = None
+    band: bool | None = None
+    method: str | None = None
+    terms: int | None = None
+    candidates: Any = None
+    blend: Any = None
+    units: int | None = None
+    lags: int | None = None
+    rules: int | None = None
+    kind: str | None = None
+    curves: int | None = None
+    experts: int | None = None
+    split: float | None = None
+    speed: str | None = None
+    weight: Any = None
+    rate: float | None = None
+    delay: float | None = None
+    ignore_findings: bool | None = None
 
     def fit(self, X: Any, y: ArrayLike | None = None) -> Self:
         """Identify the model on all of the recordings. Raises CesError if they hold too little, or what is wrong."""
-        request = IdentifyRequest.of({"split": 1.0, "structure": self.structure, **self.options})
-        self.model_ = Model.identify(request, _as_recordings(X, y), ())
+        options = {field.name: getattr(self, field.name) for field in fields(self)}
+        request = IdentifyRequest.of({**options, "split": 1.0 if self.split is None else self.split})
+        self.model_ = identify_model(request, _as_recordings(X, y), ())
         self.n_features_in_ = len(COLUMNS)
         return self
 
@@ -80,11 +99,13 @@ class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """Return the simulated force [N] (n,), or those of each recording, also in the warm-up, where it is a guess."""
         self._fitted()
         forces = [self._force(recording) for recording in _as_recordings(X, needs_force=False)]
-        return forces if _is_list(X) else forces[0]
+        return forces if _is_several(X) or len(forces) > 1 else forces[0]
 
     def score(self, X: Any, y: ArrayLike | None = None) -> float:
-        """Return 1 - (J / 100)^2 over all recordings, the share of the force's variance that the model explains."""
-        costs = [e.cost for e in self._fitted().validate(_as_recordings(X, y))]
+        """Return 1 - mean((J / 100)^2) over all recordings, the share of the force's variance that is explained."""
+        model = self._fitted()
+        series = [prepare(recording, model.sampling) for recording in _as_recordings(X, y)]
+        costs = [evaluation.cost for evaluation in evaluate(model, series, VALIDATION)]
         return 1.0 - float(np.mean(np.square(costs))) * 1e-4
 
     def _fitted(self) -> Model:
@@ -100,19 +121,21 @@ class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return np.interp(np.arange(len(force)), known, force[known])
 
 
-def _is_list(X: Any) -> bool:
-    """Return whether X is a list of recordings, or one of them, and no array of rows."""
-    return isinstance(X, Logged | str) or (
-        isinstance(X, Sequence) and len(X) > 0 and not np.isscalar(X[0]) and np.ndim(X[0]) != 1
-    )
+def _is_one(X: Any) -> bool:
+    """Return whether X is a recording, and no array of rows."""
+    return isinstance(X, Logged | str | os.PathLike) or is_table(X)
+
+
+def _is_several(X: Any) -> bool:
+    return isinstance(X, list | tuple | np.ndarray) and len(X) > 0 and _is_one(X[0])
 
 
 def _as_recordings(X: Any, y: ArrayLike | None = None, needs_force: bool = True) -> Sequence[Logged]:
     """Return the recordings in X, or the one in its rows with the forces y. Raises CesError."""
-    if _is_list(X):
-        return as_recordings(X, need=SIGNALS if needs_force else SIGNALS[:2])
-    if is_frame(X):
-        return as_recordings(X if y is None else X.assign(force_N=y), need=SIGNALS if needs_force else SIGNALS[:2])
+    if is_table(X) and y is not None:
+        X = X.assign(force_N=y) if is_frame(X) else {**X, "force_N": y}
+    if _is_one(X) or _is_several(X):
+        return as_recordings(list(X) if _is_several(X) else X, need=SIGNALS if needs_force else SIGNALS[:2])
     if hasattr(X, "toarray"):
         raise DataError("X is sparse; expected an array (n, 3), or a list of recordings")
     rows, forces = np.asarray(X, dtype=np.float64), None if y is None else np.asarray(y, dtype=np.float64)

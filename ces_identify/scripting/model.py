@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -14,34 +13,42 @@ from numpy.typing import ArrayLike
 
 from ces_data import recording
 from ces_data.arrays import F
-from ces_data.checks.check import check_together, require_sound
-from ces_data.checks.content import require_distinct
-from ces_data.frames import import_pandas
+from ces_data.checks.check import check_each, check_together, require_sound
+from ces_data.checks.content import require_distinct, require_once
+from ces_data.findings import warn
+from ces_data.frames import import_pandas, import_pyplot
+from ces_data.logs.frame import is_frame
+from ces_data.outputs import REPORT, require_outputs
 from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs, as_path, as_recordings
 from ces_data.recording import join_days
 from ces_identify.identification import identify
 from ces_identify.numerics.least_squares import one_blas_thread
 from ces_identify.numerics.search import SearchResult
 from ces_identify.options import IdentifyRequest
+from ces_identify.physical.quantities import curve_currents, curve_speeds
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.report.page import write_report
-from ces_identify.report.steady import steady_forces
+from ces_identify.report.steady import CURVE_SPEEDS, steady_forces
 from ces_identify.scripting.progress import Progress
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.prediction import predict_series
 from ces_identify.simulations.simulate import sample_run, simulate_series
 from ces_identify.structures import model_section
 from ces_identify.structures.polynomial import coefficient_unit, format_term
+from ces_identify.validation.band import band_half_width
+from ces_identify.validation.checked import evaluate_checked, warnings_on
 from ces_identify.validation.cost_table import Evaluations, cost_table
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size, evaluate
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size
 from ces_identify.validation.standard_errors import standard_errors
 from ces_observer import model
 from ces_observer.errors import CesError
 from ces_observer.records import in_files
 from ces_observer.structures.polynomial import Polynomial
 from ces_report.shell import PageHead
+from ces_report.typesetting import format_alike
 
 MAX_STEPS = 100_000  # ticks ahead
+MAX_BEYOND = 0.01  # of the span that a model knows: a rounded number counts as the end of it
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,92 +66,97 @@ class Model(model.Model):
     search_results: tuple[SearchResult, ...] = field(default=(), metadata=in_files(None), compare=False)
 
     @classmethod
-    def load(cls, path: PathInput) -> Self:
+    def load(cls, path: PathInput) -> Model:
         """Read a model file. Raises CesError."""
-        return cls.of(model.load_model(as_path(path, "model")))
-
-    @classmethod
-    def of(cls, given: object) -> Self:
-        """Return a model, or that in a file, with these methods. Raises CesError for anything else."""
-        if isinstance(given, cls):
-            return given
-        if not isinstance(given, model.Model):
-            return cls.load(given)  # type: ignore[arg-type]  # which says what it is
-        return cls(**{f.name: getattr(given, f.name) for f in fields(model.Model)})
-
-    @classmethod
-    def identify(
-        cls,
-        request: IdentifyRequest,
-        given: Sequence[recording.Recording],
-        held_out: Sequence[recording.Recording],
-        progress: Progress = lambda step, share: None,
-    ) -> Self:
-        """Return the model that is asked for, identified on recordings that would make no wrong one.
-
-        Warns of what looks wrong; raises CesError for what is, unless the request ignores it.
-        """
-        how, fitter, ignored = request.options(), request.fitter(), request.ignore_findings
-        require_distinct(given, held_out)
-        findings = check_together([*given, *held_out])
-        require_sound(findings, ignored)
-        for finding in findings:
-            warnings.warn(finding.text, stacklevel=3)
-
-        def listen(news: SearchResult | str) -> None:
-            text = news if isinstance(news, str) else f"selection cost J = {news.cost:.2f} %, size {len(news.chosen)}"
-            progress(f"identifying: {text}", 0.0)
-
-        with one_blas_thread():
-            result = identify(given, held_out, how, listen, fitter).require_explained(findings, ignored)
-        return replace(cls.of(result.model), evaluations=result.evaluations, search_results=result.search_results)
+        return as_model(path)
 
     def simulate(
-        self, given: RecordingInput | ArrayLike, position_m: ArrayLike | None = None, current_A: ArrayLike = 0.0
-    ) -> F:
+        self,
+        recording: RecordingInput | ArrayLike | None = None,
+        position_m: ArrayLike | None = None,
+        current_A: ArrayLike | None = None,
+        *,
+        time_s: ArrayLike | None = None,
+    ) -> Any:
         """Return the force [N] at every position sample (n,), as the observer would; NaN where it would withhold it.
 
-        Either of a recording, or of arrays (n,) of times [s], positions [m] and currents [A], which may be one number.
+        `simulate(recording)`, or `simulate(time_s, position_m, current_A)` of arrays (n,), of which all but the times
+        may be one number. A DataFrame's force is a Series with its index. Warns of inputs outside `envelope`, which
+        are clamped.
         """
-        if position_m is not None:
-            return sample_run(self, Recording.from_arrays(given, position_m, current_A)).force  # type: ignore[arg-type]
-        return sample_run(self, _only(as_recordings(given, need=SIGNALS[:2]))).force  # type: ignore[arg-type]
+        if position_m is None and current_A is None and time_s is None:
+            given = _only(as_recordings(recording, need=SIGNALS[:2]))  # type: ignore[arg-type]
+        else:
+            given = _recording_of(recording if time_s is None else time_s, position_m, current_A)
+        run = sample_run(self, given)
+        _warn_all(warnings_on(run, given.name))
+        return _like(recording, given, run.force)
 
-    def predict(self, given: RecordingInput, steps: int = 1) -> F:
+    def predict(self, recording: RecordingInput, steps: int = 1) -> Any:
         """Return the force [N] at every position sample (n,), predicted `steps` ticks ahead from the measured ones.
 
         A model without its own past force in it, such as a hydraulic network, predicts what it simulates. NaN where
-        `simulate` has none. Raises CesError without a measured force.
+        `simulate` has none; a DataFrame's force is a Series with its index. Raises CesError without a measured force.
         """
         if not isinstance(steps, int) or not 1 <= steps <= MAX_STEPS:
             raise CesError(f"steps: is {steps!r}; expected a whole number of ticks from 1 to {MAX_STEPS}")
-        run = sample_run(self, _only(as_recordings(given)))
+        given = _only(as_recordings(recording))
+        run = sample_run(self, given)
+        _warn_all(warnings_on(run, given.name))
         force = predict_series(self, run.series, steps)[run.newest]
-        return np.where(np.isfinite(run.force), force, np.nan)
+        return _like(recording, given, np.where(np.isfinite(run.force), force, np.nan))
 
-    def validate(self, recordings: RecordingInputs) -> Sequence[Evaluation]:
-        """Return the free run on each recording with its cost J [%] (`cost`) and RMS error (`rms_N`)."""
-        series = [prepare(one, self.sampling) for one in as_recordings(recordings)]
-        return Evaluations(evaluate(self, series, VALIDATION))
+    def validate(self, recordings: RecordingInputs) -> Evaluations:
+        """Return the free run on each recording with its cost J [%] (`cost`) and RMS error (`rms_N`).
 
-    def force_speed(self, currents: ArrayLike, speeds: ArrayLike) -> F:
-        """Return the force [N] (currents, speeds) at mid-stroke, at the end of a stroke at constant speed and current.
-
-        Raises CesError for speeds [m/s] or currents [A] outside the model's envelope.
+        Warns of what `ces validate` warns of: recordings that look wrong, or that the model was identified on, and
+        inputs and forces outside its envelopes.
         """
-        at, v = _as_numbers("currents", currents), _as_numbers("speeds", speeds)
-        for name, values, unit in (("current", at, "A"), ("speed", v, "m/s")):
-            low, high = self.envelope.by_signal[name]
-            if not ((low <= values) & (values <= high)).all():
-                raise CesError(
-                    f"{name}s: {values.min():g} to {values.max():g} {unit}; the model knows {low:g} to {high:g}"
-                )
-        return steady_forces(self, at, v)
+        given = as_recordings(recordings)
+        require_once(given)
+        findings = list(check_each(given))
+        evaluations = Evaluations()
+        for one in given:
+            evaluation, added = evaluate_checked(self, one, findings)
+            evaluations.append(evaluation)
+            findings += added
+        _warn_all([*(f.text for f in findings), *(text for e in evaluations for text in e.warnings)])
+        return evaluations
 
-    def plot(self, given: RecordingInput) -> Any:
-        """Return a matplotlib figure: measured and simulated force over time and over speed. Raises CesError."""
-        pyplot = _import_pyplot()
-        one = _only(as_recordings(given, need=SIGNALS[:2]))
+    def force_speed(self, currents: ArrayLike | None = None, speeds: ArrayLike | None = None) -> Any:
+        """Return steady forces [N] at mid-stroke as a DataFrame: a row for each current [A], a column for each speed.
+
+        Each is the force at the end of a stroke at constant speed [m/s] and current; by default those of the page. A
+        speed or current that is outside `envelope` by up to 1 % of its span counts as the end of it, with a warning.
+        Raises CesError for others, and without pandas.
+        """
+        pandas, (slow, fast) = import_pandas(), self.envelope.speed_m_s
+        default_speeds = np.clip(curve_speeds(slow, fast, CURVE_SPEEDS), slow, fast)
+        at = self._within("current", curve_currents(*self.envelope.current_A) if currents is None else currents, "A")
+        v = self._within("speed", default_speeds if speeds is None else speeds, "m/s")
+        index, columns = pandas.Index(at, name="current_A"), pandas.Index(v, name="speed_m_s")
+        return pandas.DataFrame(steady_forces(self, at, v), index=index, columns=columns)
+
+    def _within(self, name: str, given: ArrayLike, unit: str) -> F:
+        """Return numbers (n,) within the envelope of a signal; raises CesError."""
+        values, (low, high) = _as_numbers(f"{name}s", given), self.envelope.by_signal[name]
+        inside = np.clip(values, low, high)
+        if not (np.abs(values - inside) <= MAX_BEYOND * (high - low)).all():
+            text = (
+                f"{name}s: {values.min():g} to {values.max():g} {unit}; the model knows {low:g} to {high:g} (envelope)"
+            )
+            raise CesError(text)
+        for value, end in dict(zip(values[values != inside], inside[values != inside], strict=True)).items():
+            warn(f"{name} {value:g} {unit} is outside what the model knows; {end:g} {unit} is taken")
+        return inside
+
+    def plot(self, recording: RecordingInput) -> Any:
+        """Return a matplotlib figure: measured and simulated force, with the band, over time and over speed.
+
+        Times with inputs outside `envelope` are shaded. Raises CesError.
+        """
+        pyplot = import_pyplot()
+        one = _only(as_recordings(recording, need=SIGNALS[:2]))
         series = prepare(one, self.sampling)
         run, is_measured = simulate_series(self, series), bool(np.isfinite(series.force).any())
         figure, (over_time, over_speed) = pyplot.subplots(
@@ -156,6 +168,14 @@ class Model(model.Model):
                 axes.plot(x, series.force, style, label="measured", color="0.3", linewidth=1.0, markersize=1.5)
             axes.plot(x, run.force, style, label="simulated", color="C1", linewidth=1.0, markersize=1.5)
             axes.grid(alpha=0.3)
+        if self.band is not None:
+            half = band_half_width(self.band, series, run.force)
+            low, high, name = run.force - half, run.force + half, f"band ({100 * self.band.level:.0f} %)"
+            over_time.fill_between(series.time_s, low, high, color="C1", alpha=0.25, linewidth=0.0, label=name)
+        if run.clamped.any():
+            ends, whole = over_time.get_xaxis_transform(), {"color": "0.5", "alpha": 0.2, "linewidth": 0.0}
+            where = {"where": run.clamped, "transform": ends, "label": "outside the envelope"}
+            over_time.fill_between(series.time_s, 0.0, 1.0, **where, **whole)
         over_time.set(xlabel="Time [s]", ylabel="Force [N]", title=self._title(one.name, series, run.force))
         over_speed.set(xlabel="Speed [m/s], positive in compression")
         over_time.legend(loc="upper right")
@@ -167,8 +187,25 @@ class Model(model.Model):
         error = (series.force - force)[series.scored]
         return f"{name}: J = {100.0 * np.sqrt(np.mean(error**2)) / series.force[series.scored].std():.1f} %"
 
-    def report(self, path: PathInput, recordings: RecordingInputs = (), *, title: str = "", note: str = "") -> Path:
-        """Write the page about the model on the recordings where it was identified, and on others; return its path."""
+    def save(self, path: PathInput, *, overwrite: bool = False) -> None:
+        """Write the model file. Raises CesError, also for one that exists, unless `overwrite`."""
+        require_outputs(overwrite, {"path": (target := as_path(path, "path"))})
+        super().save(target)
+
+    def report(
+        self,
+        path: PathInput,
+        recordings: RecordingInputs = (),
+        *,
+        title: str = "",
+        note: str = "",
+        overwrite: bool = False,
+    ) -> Path:
+        """Write the page about the model on the recordings where it was identified, and on others; return its path.
+
+        Raises CesError, also for a file that exists, unless `overwrite`.
+        """
+        require_outputs(overwrite, {REPORT: (target := as_path(path, "path"))})
         given = as_recordings(recordings, required=False)
         added, days = self.validate(given) if given else [], [one.day for one in given]
         evaluations = [*self.evaluations, *added]
@@ -176,7 +213,6 @@ class Model(model.Model):
             raise CesError("report: no recording; give some, since the model comes from a file")
         known = [one.get("day", "") for role in (IDENTIFICATION, VALIDATION) for one in self.provenance.get(role, ())]
         head = PageHead(title or f"{self.structure} model", note, recorded=join_days([*known, *days]))
-        target = as_path(path, "path")
         write_report(target, head, self, evaluations)
         return target
 
@@ -210,8 +246,8 @@ class Model(model.Model):
     def _describe(self) -> str:
         proof = "stability not proved" if self.certificate is None else "proved stable"
         knows = "; ".join(
-            f"{name} {low:.3g} to {high:.3g} {unit}"
-            for (name, (low, high)), unit in zip(self.envelope.by_signal.items(), ("m", "m/s", "A"), strict=True)
+            f"{name} {' to '.join(format_alike(ends, 3))} {unit}"
+            for (name, ends), unit in zip(self.envelope.by_signal.items(), ("m", "m/s", "A"), strict=True)
         )
         return f"{self.structure}: {describe_size(self)} at {self.sampling.rate_Hz:g} Hz, {proof}\nknows {knows}"
 
@@ -225,6 +261,65 @@ def _as_numbers(name: str, given: ArrayLike) -> F:
     if values.ndim != 1 or not len(values):
         raise CesError(f"{name}: expected numbers; got {given!r}")
     return values
+
+
+def as_model(given: object) -> Model:
+    """Return a model, or that in a file, with the methods of scripts. Raises CesError for anything else."""
+    if isinstance(given, Model):
+        return given
+    plain = given if isinstance(given, model.Model) else model.load_model(as_path(given, "model"))  # type: ignore[arg-type]
+    return Model(**{f.name: getattr(plain, f.name) for f in fields(model.Model)})
+
+
+def identify_model(
+    request: IdentifyRequest,
+    given: Sequence[recording.Recording],
+    held_out: Sequence[recording.Recording],
+    progress: Progress = lambda step, share: None,
+) -> Model:
+    """Return the model that is asked for, identified on recordings that would make no wrong one.
+
+    Warns of what looks wrong; raises CesError for what is, unless the request ignores it.
+    """
+    how, fitter, ignored = request.options(), request.fitter(), request.ignore_findings
+    require_distinct(given, held_out)
+    findings = check_together([*given, *held_out])
+    require_sound(findings, ignored)
+    _warn_all(finding.text for finding in findings)
+
+    def listen(news: SearchResult | str) -> None:
+        text = news if isinstance(news, str) else f"selection cost J = {news.cost:.2f} %, size {len(news.chosen)}"
+        progress(f"identifying: {text}", 0.0)
+
+    with one_blas_thread():
+        result = identify(given, held_out, how, listen, fitter).require_explained(findings, ignored)
+    return replace(as_model(result.model), evaluations=result.evaluations, search_results=result.search_results)
+
+
+def _recording_of(time_s: Any, position_m: Any, current_A: Any) -> Recording:
+    """Return the recording of arrays; raises CesError if one is missing."""
+    for name, values in (("time_s", time_s), ("position_m", position_m), ("current_A", current_A)):
+        if values is None:
+            raise CesError(f"{name}: is missing; expected a recording, or all of time_s, position_m, current_A")
+    return Recording.from_arrays(time_s, position_m, current_A)
+
+
+def _like(given: object, recording: recording.Recording, force: F) -> Any:
+    """Return the force as a Series with the index of a DataFrame, or as it is."""
+    if not is_frame(given):
+        return force
+    pandas, index = import_pandas(), given.index  # type: ignore[attr-defined]
+    if len(force) != len(index):  # rows without a position have no sample
+        stamps = recording.channel("position").stamps_ns
+        every = np.unique(np.concatenate([channel.stamps_ns for channel in recording.channels.values()]))
+        at = np.searchsorted(every, stamps)
+        index = index[at] if len(every) == len(index) else pandas.Index(1e-9 * (stamps - stamps[0]), name="time_s")
+    return pandas.Series(force, index=index, name="force_N")
+
+
+def _warn_all(texts: Iterable[str]) -> None:
+    for text in texts:
+        warn(text)
 
 
 def _only(recordings: Sequence[recording.Recording]) -> recording.Recording:
@@ -244,12 +339,3 @@ def _plain(cell: Markup) -> str | float:
         return float(text)
     except ValueError:
         return text
-
-
-def _import_pyplot() -> Any:
-    """Return matplotlib's pyplot; raises CesError that says how to install it."""
-    try:
-        from matplotlib import pyplot
-    except ImportError:
-        raise CesError("a plot needs matplotlib: pip install 'ces_observer[notebook]'") from None
-    return pyplot

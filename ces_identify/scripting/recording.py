@@ -22,7 +22,7 @@ from ces_data.signals_file import load_signals
 from ces_data.tables import HELD, hold, interpolate
 from ces_observer.errors import CesError, RecordingError
 from ces_report.table import Column, Table
-from ces_report.typesetting import format_range
+from ces_report.typesetting import format_alike
 
 MAX_RATE_HZ = 1e6  # [Hz] a stamp is a whole number of ns
 MAX_TIME_S = 8e9  # [s] beyond it, a stamp would not fit 64 bits
@@ -38,28 +38,23 @@ class Recording(recording.Recording):
     """
 
     @classmethod
-    def of(cls, given: recording.Recording) -> Self:
-        """Return the same recording with these methods."""
-        return given if isinstance(given, cls) else cls(**{f.name: getattr(given, f.name) for f in fields(given)})
-
-    @classmethod
-    def load(cls, path: PathInput, *, signals: PathInput | None = None, mapping: PathInput | None = None) -> Self:
+    def load(cls, path: PathInput, *, signals: PathInput | None = None, mapping: PathInput | None = None) -> Recording:
         """Read a bag (with a signals file) or a log (with a mapping file, else its columns are found).
 
         A measured force may be missing. Warns of what looks wrong; raises CesError for what cannot be used.
         """
         if mapping is not None or is_log(as_path(path, "recording")):
-            return cls.of(read_log(path, mapping=mapping, need=SIGNALS[:2]))
-        return cls.of(read_recording(path, signals=signals, need=SIGNALS[:2]))
+            return with_methods(read_log(path, mapping=mapping, need=SIGNALS[:2]))
+        return with_methods(read_recording(path, signals=signals, need=SIGNALS[:2]))
 
     @classmethod
-    def from_frame(cls, table: Any, *, columns: Mapping[str, Any] | None = None, name: str = "") -> Self:
+    def from_frame(cls, table: Any, *, columns: Mapping[str, Any] | None = None, name: str = "") -> Recording:
         """Return the recording in a pandas DataFrame or a mapping of arrays.
 
         Time (column or index), position, current and force are found by name, unit and numbers, as `ces import` does,
         or named: `columns={"position": {"column": "x", "unit": "mm"}, "current": 0.5}`. Raises CesError.
         """
-        return cls.of(check_table(read_frame(table, columns=columns, need=SIGNALS[:2], name=name)))
+        return with_methods(check_table(read_frame(table, columns=columns, need=SIGNALS[:2], name=name)))
 
     @classmethod
     def from_arrays(
@@ -70,7 +65,7 @@ class Recording(recording.Recording):
         force_N: ArrayLike | None = None,
         *,
         name: str = "",
-    ) -> Self:
+    ) -> Recording:
         """Return a recording of arrays of shape (n,) in SI units, of which all but the time may be one number.
 
         Times are seconds, dates or durations. Raises CesError.
@@ -88,7 +83,7 @@ class Recording(recording.Recording):
             for signal, (unit, values) in given.items()
             if values is not None
         }
-        return cls.of(check_table(cls(name or "recording", channels)))
+        return with_methods(check_table(cls(name or "recording", channels)))
 
     def __len__(self) -> int:
         return len(self.channels["position"]) if "position" in self.channels else 0
@@ -129,7 +124,7 @@ class Recording(recording.Recording):
     def _table(self) -> Table[Channel]:
         def limits(c: Channel) -> str:
             stats = channel_stats(c)
-            return format_range(stats.low, stats.high) if len(c) else "-"
+            return " to ".join(format_alike(dict.fromkeys((stats.low, stats.high)))) if len(c) else "-"
 
         columns: list[Column[Channel]] = [
             Column("Signal", lambda c: c.name),
@@ -139,6 +134,13 @@ class Recording(recording.Recording):
             Column("Range", limits, figure=True),
         ]
         return Table(columns, list(self.channels.values()))
+
+
+def with_methods(given: recording.Recording) -> Recording:
+    """Return the same recording with the methods of scripts."""
+    if isinstance(given, Recording):
+        return given
+    return Recording(**{f.name: getattr(given, f.name) for f in fields(given)})
 
 
 def _as_stamps(time_s: ArrayLike) -> recording.Stamps:

@@ -46,11 +46,7 @@ class BestStructure:
         scored_s = sum(float(recorded.scored.sum()) / recorded.rate_Hz for recorded in series)
         usual = [name for name, kit in KITS.items() if kit.auto_work > 0.0 and kit.auto_s <= scored_s]
         work = {name: KITS[name].auto_work or 1.0 for name in self.names or usual}
-        whole = [name for name in work if work[name] >= 1.0]
-        run.fit_side_by_side(whole, len(whole) / len(work))
-        shorter = [name for name in work if name not in whole]
-        for k, name in enumerate(shorter):
-            run.fit(name, work[name], 1.0 / (len(shorter) - k))
+        run.fit_side_by_side(work)
         for name in [name for name in run.alike() if 0.0 < KITS[name].auto_work < 1.0]:
             run.fit(name, 1.0, 1.0)
         if not run.fits:
@@ -72,14 +68,22 @@ class _Fits:
         self.end_s = clock_s() + self.options.limits.time
         self.fits: dict[str, Fitted] = {}
         self._stop = threading.Event()
+        self._lowest: SearchResult | None = None
 
-    def fit_side_by_side(self, names: Sequence[str], share: float) -> None:
-        """Fit structures at the same time, the first in this thread, which Ctrl-C reaches."""
-        with ThreadPoolExecutor(max(1, len(names))) as pool:
-            others = [pool.submit(self.fit, name, 1.0, share) for name in names[1:]]
+    def fit_side_by_side(self, work: Mapping[str, float]) -> None:
+        """Fit structures with shares of the default `work` at the same time, each whole one beside the others.
+
+        Those with less follow the last whole one, so that the first, in this thread, which Ctrl-C reaches, ends beside
+        them; which of them are hopeless is judged by those before them, for the same answer on every machine.
+        """
+        whole = [name for name in work if work[name] >= 1.0]
+        lanes = [[(name, 1.0, len(whole) / len(work))] for name in whole] or [[]]
+        shorter = [name for name in work if name not in whole]
+        lanes[-1] += [(name, work[name], 1.0 / (len(shorter) - k)) for k, name in enumerate(shorter)]
+        with ThreadPoolExecutor(len(lanes)) as pool:
+            others = [pool.submit(self._fit_in_turn, lane) for lane in lanes[1:]]
             try:
-                for name in names[:1]:
-                    self.fit(name, 1.0, share)
+                self._fit_in_turn(lanes[0])
                 for other in others:
                     other.result()
             except KeyboardInterrupt:
@@ -87,16 +91,20 @@ class _Fits:
         if self._stop.is_set() and not self.fits:
             raise KeyboardInterrupt
 
-    def fit(self, name: str, work: float, share: float) -> None:
+    def _fit_in_turn(self, lane: Sequence[tuple[str, float, float]]) -> None:
+        lowest = inf
+        for name, work, share in lane:
+            self.fit(name, work, share, ChoiceLimits.HOPELESS * lowest)
+            lowest = min(lowest, self.fits[name].cost if name in self.fits else inf)
+
+    def fit(self, name: str, work: float, share: float, hopeless: float = inf) -> None:
         """Fit a structure with a share of the default work, and of the time that is left; keep a model that forgets."""
         if self._stop.is_set():
             return
         limits = self.options.limits
         if self.fits and self.end_s - clock_s() < MIN_LEFT_SHARE * limits.time:
             return
-        best = min((fitted.cost for fitted in self.fits.values()), default=inf)
         mine = limits.within(self.end_s, share)
-        hopeless = ChoiceLimits.HOPELESS * best if work < 1.0 else inf
         own = replace(mine, work=limits.work * work, hopeless=hopeless, stop=self._stop)
         try:
             how = replace(self.options, limits=own)
@@ -114,8 +122,12 @@ class _Fits:
             self.fits[name] = fitted
 
     def _tell(self, news: SearchResult | str) -> None:
-        """Pass on a cost without its share of the work, which is that of one structure."""
-        self.listener(news if isinstance(news, str) else replace(news, share=0.0))
+        """Pass on the lowest cost of all structures so far, without its share of the work, which is that of one."""
+        if isinstance(news, str):
+            self.listener(news)
+            return
+        self._lowest = min(self._lowest or news, news, key=lambda result: result.cost)
+        self.listener(replace(news, cost=self._lowest.cost, chosen=self._lowest.chosen, share=0.0))
 
     def alike(self) -> list[str]:
         """Return the structures whose cost is at most ALIKE times the least, best first."""

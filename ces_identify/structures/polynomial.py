@@ -59,7 +59,6 @@ REFIT_STEPS = 8
 PROOF_ROOM = 0.003  # of the gain, between the probed inputs and all
 COSTS_BY_TERMS = "J_percent_by_terms"  # key of the provenance's selection: numbers of terms, each with a cost
 MIN_SIZES = 3  # of a chart
-MORE_TIMES, LEAST_S = 4.0, 10.0  # that a search whose time ended without a model may have instead, and that [s] more
 MAX_BUILD_SHARE = 0.5  # of a time limit, to build the problem
 
 
@@ -78,8 +77,7 @@ def fit_polynomial(
     starts = search(problem, options.limits.within(end), listener)
     results = [start for start in starts if start.cost < 100.0]
     if not results and TIME_IS_UP in {start.ended for start in starts}:
-        more = OptionName("time", round(MORE_TIMES * options.limits.time + LEAST_S))
-        raise CesError("the time ended before any model was found; give more, such as ", more)
+        raise CesError("the time ended before a model below 100 % was found; give more with ", OptionName("time"))
     if not results:
         raise CesError(NO_MODEL_BY_THESIS if options.limits.method == THESIS else NO_CANDIDATE)
     by_terms = costs_by_terms(results)
@@ -95,7 +93,8 @@ def fit_polynomial(
             how["not_proved"] = proof.doubt
     else:
         model, results = _best_model(problem, sampling, results, options.certificate)
-    how[COSTS_BY_TERMS] = sorted(({**by_terms, len(results[0].chosen): results[0].cost}).items())
+    costs = {**by_terms, len(results[0].chosen): results[0].cost}
+    how[COSTS_BY_TERMS] = [list(pair) for pair in sorted(costs.items())]  # as a file holds them
     return Fitted(model, results, how, partial(_refit, problem, model, results[0].chosen))
 
 

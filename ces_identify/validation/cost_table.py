@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, Mask
+from ces_data.frames import import_pandas
 from ces_data.recording import Recording
 from ces_identify.limits import TickLimits
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
@@ -106,6 +107,25 @@ def cost_table(
 
 class Evaluations(PrintedResult, list[Evaluation]):
     """Evaluations that print themselves as a table."""
+
+    def to_frame(self) -> Any:
+        """Return the costs as a DataFrame, a row for each recording: J with its interval [%], shares from 0 to 1."""
+        rows = [
+            {
+                "recording": e.name,
+                "role": e.role,
+                "scored_s": e.scored_s,
+                "J_percent": e.cost,
+                "low_percent": e.interval.low if e.interval else math.nan,
+                "high_percent": e.interval.high if e.interval else math.nan,
+                "floor_percent": math.nan if e.floor is None else e.floor,
+                "rms_N": e.rms_N,
+                "outside_envelope": e.outside_share,
+                "inside_band": math.nan if e.coverage is None else e.coverage,
+            }
+            for e in self
+        ]
+        return import_pandas().DataFrame(rows)
 
 
 @summarize_result.register

@@ -30,11 +30,11 @@ from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_observer.model import Model
 from ces_observer.structures.structure import Range
 from ces_report.table import PrintedResult
+from ces_report.typesetting import format_alike
 
 IDENTIFICATION, VALIDATION = "identification", "validation"
 UNITS = {"position": "m", "speed": "m/s", "current": "A"}
 WORKING, MOST = 0.5, 0.9  # a window works with this share of the work that this quantile of windows has
-FIGURES = 4  # of the largest number of a range; the others have as many decimals
 DIVERGED = "no interval and no RMS error (the simulated force is not finite)"
 SHORT = f"no interval (too short: it would reach beyond {ErrorLimits.MAX_FACTOR:g} times the cost)"
 
@@ -50,15 +50,9 @@ class RangeUse:
 
     def as_texts(self) -> tuple[str, str]:
         """Return the ranges used and known as text, without their unit; all numbers have the same decimals."""
-        largest = max(map(abs, (*self.used, *self.known)))
-        power = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
-        decimals = min(max(0, FIGURES - 1 - power), 9)
-
-        def text(ends: tuple[float, float]) -> str:
-            low, high = (f"{round(end, decimals) + 0.0:.{decimals}f}" for end in ends)  # no negative zero
-            return f"{low} to {high}" if low != high else low
-
-        return text(self.used), text(self.known)
+        ends = format_alike((*self.used, *self.known))
+        used, known = (f"{low} to {high}" if low != high else low for low, high in (ends[:2], ends[2:]))
+        return used, known
 
     def __str__(self) -> str:
         used, known = self.as_texts()
@@ -137,6 +131,11 @@ class Evaluation(PrintedResult):
         """The share of the time with the force held at its envelope; empty if there is none."""
         scored = self.series.scored
         return describe_held(self.name, self.run.force_envelope_N, self.series.time_s[scored], self.run.held[scored])
+
+    @property
+    def warnings(self) -> list[str]:
+        """For how long inputs and force were outside the model's envelopes; empty if they hardly were."""
+        return [text for text in (self.outside_text, self.held_text) if text]
 
     @property
     def coverage(self) -> float | None:

@@ -13,7 +13,8 @@ from bench.measured.cases import CASES, MeasuredCase, data_folder
 from bench.measured.regressions import PeerModel
 from bench.measured.ticks import prepare_case
 from bench.measured.tools import fit_peer
-from ces import Recording, validate
+from ces import validate
+from ces_identify.scripting.recording import with_methods
 
 TIME = np.arange(0.0, 8.0, 2e-3)
 
@@ -69,7 +70,7 @@ def test_a_damper_has_a_row_for_each_structure_and_a_picture(tmp_path, monkeypat
             fit = tmp_path / f"d_{structure}"
             (fit / "recordings").mkdir(parents=True, exist_ok=True)
             shutil.copy(MODEL, fit / "model.json")
-            Recording.of(made).save(fit / "recordings" / name)
+            with_methods(made).save(fit / "recordings" / name)
     gallery.main([str(tmp_path), "--fits", str(tmp_path), "--pictures", str(tmp_path)])
     rows = [row.strip("|").split("|") for row in capsys.readouterr().out.splitlines()[2:]]
     assert [row[1] for row in rows] == ["polynomial", "auto: polynomial"]

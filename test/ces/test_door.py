@@ -15,6 +15,7 @@ import pytest
 
 import ces
 from ces_data.samples import without_spikes
+from ces_identify.options import list_options
 from ces_identify.scripting import progress
 from ces_observer.estimator import Estimator
 
@@ -79,6 +80,7 @@ def test_a_table_becomes_a_model_that_predicts_draws_reports_and_runs(tmp_path):
     assert "proved stable" in repr(model) and "DataFrame" in repr(model) and "<table" in model._repr_html_()
     simulated = model.simulate(table)
     np.testing.assert_allclose(simulated, model.simulate(T, X, CURRENT), atol=1e-6)
+    assert simulated.index.equals(table.index) and model.predict(table).index.equals(table.index)
     assert (np.isfinite(model.predict(table, steps=5)) == np.isfinite(simulated)).all()
     frame = model.to_frame()
     assert len(frame) == len(model.body.terms) and (frame["Standard error"] >= 0.0).all()
@@ -114,8 +116,47 @@ def test_standard_errors_cover_the_truth():
 
 
 def test_steady_forces_follow_speed_and_current(model):
+    pytest.importorskip("pandas")
     forces = model.force_speed([0.3, 0.7], [-0.4, 0.4])
-    assert forces.shape == (2, 2) and (np.diff(forces, axis=1) > 0.0).all() and forces[1, 1] > forces[0, 1]
+    assert (forces.index.name, forces.columns.name) == ("current_A", "speed_m_s")
+    assert (forces[0.4] > forces[-0.4]).all() and forces.loc[0.7, 0.4] > forces.loc[0.3, 0.4]
+    low, high = model.envelope.speed_m_s
+    with pytest.warns(UserWarning, match=f"{high:g} m/s is taken"):
+        assert list(model.force_speed(0.5, [0.0, 1.001 * high]).columns) == [0.0, high]
+    whole = model.force_speed()
+    assert whole.columns[0] == low and whole.columns[-1] == high and len(whole) > 1
+
+
+def test_a_row_without_a_position_has_no_force_and_the_others_keep_their_index(model, road):
+    pytest.importorskip("pandas")
+    frame = road.part(1, 3).to_frame()
+    frame.iloc[10:13, 0] = np.nan
+    force = model.simulate(frame)
+    assert force.index.equals(frame.index.delete([10, 11, 12])) and np.isfinite(force.iloc[-1])
+
+
+DOUBTS = {
+    "its own recording": (lambda m, r: m.validate(r), "identified on seconds of this recording"),
+    "another current": (lambda m, r: m.simulate(T, X, 0.0), "outside the model's envelope for 100.0 % of the time"),
+    "mA": (
+        lambda m, r: ces.simulate(m, time_s=T, position_m=X, current_A=500.0),
+        "multiply its scale by 0.001 if it is in mA",
+    ),
+    "another damper": (lambda m, r: ces.validate(m, columns(current_A=0.0 * T)), "outside the model's envelope for"),
+    "other signs": (
+        lambda m, r: m.validate(
+            ces.Recording.from_arrays(T, -X, 0.5, -np.nan_to_num(m.simulate(T, X, 0.5))).part(1, 6),
+        ),
+        "sign",
+    ),
+}
+
+
+@pytest.mark.parametrize(("call", "text"), DOUBTS.values(), ids=DOUBTS)
+def test_what_a_program_warns_of_is_a_warning_at_the_callers_line(call, text, model, road):
+    with pytest.warns(UserWarning, match=text) as caught:
+        call(model, road)
+    assert any(warning.filename == __file__ for warning in caught)
 
 
 def test_a_recording_is_cut_resampled_shown_and_written(road, tmp_path):
@@ -144,18 +185,65 @@ def test_a_frame_comes_back_as_it_was(road):
         assert ces.Recording.from_frame(other).duration_s == pytest.approx(road.duration_s, abs=1e-6)
 
 
+def test_simulations_come_alone_in_a_list_or_by_name_and_recordings_by_globs(model):
+    pair = ces.compare([model, MODEL, lambda t, x, i: 9.0 * x], str(ROOT / "bags/r[o]ad"))
+    assert [one.name for one in pair.models[:2]] == ["polynomial_narx", "sample"] and "lambda" in pair.models[2].name
+    twice = ces.compare([model, ces.Model.load(MODEL)], ROAD)
+    assert [one.name for one in twice.models] == ["polynomial_narx", "polynomial_narx 2"]
+    named = ces.characterise(ROAD, model=MODEL), ces.characterise(ROAD, model={"mine": model})
+    assert [one.sources for one in named] == [("measured", "sample"), ("measured", "mine")]
+
+
+def test_stamps_that_are_no_nanoseconds_are_told(model):
+    estimator = ces.Estimator(model)
+    assert all(estimator.step(k, 0.01, 0.5) is None for k in range(500))
+    assert estimator.reason.startswith("warming up: the stamps hardly go on; expected whole nanoseconds")
+    estimator.reset()
+    assert estimator.step(0, 0.01, 0.5) is None and estimator.step(1_000_000, 0.01, 0.5) is None
+    assert estimator.reason == "warming up"
+
+
+def test_the_parameters_of_the_estimator_are_the_options_of_the_program():
+    own = set(inspect.signature(ces.DamperModel).parameters)
+    assert own == {option.name for option in list_options()} - {"teacher"}
+    with pytest.raises(TypeError, match="tim"):
+        ces.DamperModel(tim=1)
+
+
 def test_scikit_learn_can_search_over_recordings(road):
     parts = [road.part(0, 9), road.part(9, 18)]
     estimator = ces.DamperModel("polynomial", **QUICK)
-    assert estimator.get_params()["terms"] == 3 and estimator.fit(parts).score(parts) > 0.7
+    assert estimator.fit(parts).score(parts) > 0.7
     assert [len(force) for force in estimator.predict(parts)] == [len(part) for part in parts]
+    assert len(estimator.predict(ROAD)) == len(road)
     rows = np.column_stack([T, X, CURRENT])
     assert np.isfinite(estimator.predict(rows)).all() and estimator.score(rows, FORCE) < 1.0
+    assert estimator.score(columns()) == pytest.approx(estimator.score(without_force(), FORCE))
     with pytest.raises(ces.CesError, match="acts with the motion"):
         estimator.fit(np.column_stack([T, X, CURRENT]), -FORCE)
     selection = pytest.importorskip("sklearn.model_selection")
     search = selection.GridSearchCV(ces.DamperModel("polynomial", **QUICK), {"terms": [2, 3]}, cv=2).fit(parts)
     assert search.best_params_["terms"] in (2, 3) and search.best_score_ > 0.7
+    with pytest.raises(ValueError, match="Invalid parameter 'foo'"):
+        estimator.set_params(foo=1)
+
+
+WRITERS = {
+    "model.json": lambda m, r, path, more: m.save(path, **more),
+    "page.html": lambda m, r, path, more: m.report(path, r, **more),
+    "bag": lambda m, r, path, more: r.save(path, **more),
+    "compared.html": lambda m, r, path, more: ces.compare([m, lambda t, x, i: 9.0 * x], r, report=path, **more),
+    "folder": lambda m, r, path, more: ces.characterise(r, out=path, **more),
+}
+
+
+@pytest.mark.parametrize(("name", "write"), WRITERS.items())
+def test_what_exists_is_replaced_only_if_that_is_asked_for(name, write, model, road, tmp_path):
+    part = road.part(2, 8)
+    write(model, part, tmp_path / name, {})
+    with pytest.raises(ces.CesError, match=f"{name}: exists; choose another name.*overwrite=True"):
+        write(model, part, tmp_path / name, {})
+    write(model, part, tmp_path / name, {"overwrite": True})
 
 
 MISTAKES = {
@@ -170,7 +258,10 @@ MISTAKES = {
         "terms applies to structure='polynomial' or auto",
     ),
     "a structure": (lambda m, r: ces.identify(r, structure="tree"), "structure is 'tree'; expected one of"),
-    "a size": (lambda m, r: ces.identify(r, structure="sigmoid", leaves=3), "leaves is unknown; known are"),
+    "a size": (
+        lambda m, r: ces.identify(r, structure="sigmoid", unit=3),
+        "unit: is no option.*did you mean 'units'",
+    ),
     "no force": (lambda m, r: ces.identify(without_force()), "arrays: force: nothing is named like it"),
     "mm as m": (lambda m, r: ces.identify(columns(position_m=1e3 * X)), "more than any damper"),
     "backward times": (lambda m, r: ces.identify(columns(time_s=T[::-1])), "newest row is first; reverse the rows"),
@@ -182,22 +273,39 @@ MISTAKES = {
     "nothing to simulate": (lambda m, r: m.simulate(T), "expected a recording, a path"),
     "two recordings": (lambda m, r: m.simulate([r, r]), "2 recordings given; expected one"),
     "fewer positions": (lambda m, r: m.simulate(T, X[1:], 0.5), "position: has 2999 values for 3000 times"),
+    "no current": (lambda m, r: m.simulate(T, X), "current_A: is missing; expected a recording, or all of time_s"),
     "times that are missing": (lambda m, r: m.simulate(T * np.nan, X, 0.5), "time_s: is nan in row 0"),
+    "a page that is none": (lambda m, r: m.report("rep.pdf", r), "a report is an HTML page; expected a name"),
     "half a step": (lambda m, r: m.predict(r, 2.5), "steps: is 2.5; expected a whole number"),
-    "a current beyond": (lambda m, r: m.force_speed(9.0, 0.1), "currents: 9 to 9 A; the model knows"),
+    "a current beyond": (
+        lambda m, r: m.force_speed(9.0, 0.1),
+        "currents: 9 to 9 A; the model knows 0.25.* \\(envelope\\)",
+    ),
     "no currents": (lambda m, r: m.force_speed([], 0.1), "currents: expected numbers"),
     "a model": (lambda m, r: ces.validate(None, r), "model: expected a model or a path; got None"),
     "no such model": (lambda m, r: ces.Estimator("x.json"), "x.json: no such model file"),
     "a model's type": (lambda m, r: ces.Estimator(5), "expected the path of a model file; got a value of type int"),
-    "models in a list": (lambda m, r: ces.compare([m, m], r), "models: expected simulations by their names"),
+    "a mistyped option": (lambda m, r: ces.identify(r, tims=5), "tims: is no option of identify; did you mean 'time'"),
+    "the program's option": (lambda m, r: ces.identify(r, validate=r), "did you mean 'validation'"),
+    "one model": (ces.compare, "1 models to compare; expected 2"),
+    "numbers as names": (lambda m, r: ces.compare({1: m, 2: m}, r), "models: 1 is no name; expected simulations by"),
+    "a glob of nothing": (lambda m, r: ces.identify("none*"), r"none\*: no bag matches"),
+    "a stamp in seconds": (lambda m, r: ces.Estimator(m).step(7.0, 0.0, 0.5), "stamp_ns: is 7.0; expected whole nano"),
+    "no position": (lambda m, r: ces.Estimator(m).step(7, None, 0.5), "position_m: is None; expected a number"),
+    "a current as text": (lambda m, r: ces.Estimator(m).step(7, 0.0, "1"), "current_A: is '1'; expected a number"),
+    "no path": (lambda m, r: ces.DamperModel().fit(["none.csv"]), "none.csv: no such file"),
     "a simulation": (lambda m, r: ces.diagnose(3, r), "simulation: expected a path; got a value of type int"),
     "a file's kind": (lambda m, r: ces.diagnose("foo", r), "'foo' is no simulation; expected MODEL.json"),
-    "an option": (lambda m, r: ces.diagnose(m, r, effect="x"), "effect: is no option of diagnose"),
+    "an option": (
+        lambda m, r: ces.diagnose(m, r, effect="x"),
+        "effect: is no option of diagnose; did you mean",
+    ),
     "an effect's name": (
         lambda m, r: ces.diagnose(m, r, effects=("friction",)),
         "effects: expected effects of your own",
     ),
     "threads": (lambda m, r: ces.diagnose(m, r, threads="two"), "threads is 'two'; expected a whole number"),
+    "no range": (lambda m, r: ces.calibrate(m, r, fit={"knee": 3}), "fit: knee is 3; expected \\(LOW, HIGH\\)"),
     "a parameter": (lambda m, r: ces.calibrate(lambda t, x, i, *, c=2.0: c * x, r, fit="z"), "has no such parameter"),
     "a part": (lambda m, r: r.part(5, 2), "expected 0 <= from < to"),
     "a part beyond": (lambda m, r: r.part(500), "no part from 500 s to inf s; it has 21.999 s"),
@@ -229,6 +337,7 @@ def test_a_script_hears_of_each_step_and_a_terminal_shows_one_line(capsys, monke
         time.sleep(0.2)
     text = capsys.readouterr().err
     assert "\r   0 s  fitting, 25%" in text and "\n" not in text and text.endswith(f"{'':{progress.WIDTH}}\r")
+    monkeypatch.delitem(sys.modules, "ipykernel", raising=False)  # as where nobody looks
     with progress.show_progress(None) as tell:
         tell("unseen", 0.0)
         time.sleep(0.05)
@@ -256,3 +365,31 @@ def test_results_print_a_few_lines_and_a_table(road):
     for result in (ces.compare({"a": model, "b": other}, road), ces.characterise(road), ces.validate(model, road)[0]):
         assert "array(" not in repr(result) and repr(result).count("\n") < 30
         assert result._repr_html_().startswith("<p>")
+
+
+def test_results_have_frames_and_a_comparison_a_plot(road):
+    pandas = pytest.importorskip("pandas")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    part = road.part(0, 12)
+    costs = ces.validate(MODEL, part)
+    frame = costs.to_frame()
+    assert frame["J_percent"][0] == costs[0].cost and frame["low_percent"][0] < costs[0].cost < frame["high_percent"][0]
+    pair = ces.compare([MODEL, lambda t, x, i: 3000.0 * np.gradient(x, t)], part)
+    assert list(pair.to_frame()["J_percent"]) == [one.costs[0].cost for one in pair.models]
+    (axes,) = pair.plot().axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels[0] == "measured" and all(": J = " in label for label in labels[1:]) and len(labels) == 3
+    pyplot.close("all")
+    tables = ces.characterise(part)
+    assert len(tables.to_frame("speed_bins")) == len(tables.speed_bins) > 0
+    assert isinstance(tables.to_frame(), pandas.DataFrame)
+    with pytest.raises(ces.CesError, match="'loop': is no table; did you mean 'loops'"):
+        tables.to_frame("loop")
+
+
+def test_a_plot_shows_the_band_and_times_outside_the_envelope(model, road):
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    slow = {"time_s": T, "position_m": X, "current_A": np.where(T < 3.0, 0.5, 5.0)}
+    labels = model.plot(slow).axes[0].get_legend_handles_labels()[1]
+    assert labels == ["simulated", "band (90 %)", "outside the envelope"]
+    pyplot.close("all")

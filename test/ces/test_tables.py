@@ -103,7 +103,7 @@ def test_what_looks_wrong_is_said(read, text):
 REFUSED = {
     "no current": (
         table(I_A=None),
-        "columns={'current': 'NAME'}, or {'current': 0.0} [A] for a constant",
+        "columns={'current': 'NAME'}, or {'current': 0.0} for a passive damper",
     ),
     "no time": (table(t_s=None), "columns={'time': 'NAME'}, or {'rate': 1000} [Hz] without one"),
     "a short column": (table(x_mm=X[:-1]), "arrays: position: 'x_mm' has 1999 values for 2000 rows"),

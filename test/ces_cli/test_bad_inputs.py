@@ -18,6 +18,7 @@ identify | no recording given
 identify nowhere --out m.json | nowhere: no such file
 identify b.csv --out m.json | b.csv: position: 'x' has 2 samples
 identify one --terms 0 | --terms
+identify one --structre hydraulic | unrecognized arguments: --structre hydraulic; did you mean '--structure'?
 identify one --split 2 | --split
 identify one | model.json: exists; choose another name for --out, or replace it
 identify one --candidates none.yaml --out m.json | none.yaml

@@ -22,6 +22,7 @@ from small_recordings import make_columns, write_columns
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import SearchProgress
+from ces_identify.numerics.search import SearchResult
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import load_model
@@ -103,8 +104,8 @@ def test_ctrl_c_in_the_search_writes_the_best_so_far(
 ) -> None:
     pressed: list[bool] = []
 
-    def listen(self: SearchProgress, result: object) -> None:
-        if not pressed:
+    def listen(self: SearchProgress, news: object) -> None:
+        if not pressed and isinstance(news, SearchResult) and len(news.chosen):
             pressed.append(True)
             os.kill(os.getpid(), signal.SIGINT)
 

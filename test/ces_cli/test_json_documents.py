@@ -21,6 +21,7 @@ from ces_cli.main import PROGRAMS
 from ces_cli.terminal.options import list_actions
 from ces_cli.terminal.outputs import as_plain, print_document, without_text
 from ces_observer import __version__
+from ces_report.typesetting import format_within
 
 pytestmark = pytest.mark.slow
 WITHOUT_TABLES = {
@@ -70,7 +71,8 @@ def test_validate(work: Path, identified: object, capsys: pytest.CaptureFixture[
     assert document["ces_observer"] == __version__
     for row in document["recordings"]:
         low, high = row["ci95_percent"]
-        cells = (f"{row['J_percent']:.2f}", f"{low:.2f}", f"{high:.2f}", f"{row['weighted_J_percent']:.2f}")
+        cost, ends = format_within(row["J_percent"], low, high)
+        cells = (cost, *ends.split(" to "), f"{row['weighted_J_percent']:.2f}")
         cells += (f"{row['rms_N']:.1f}", f"{100 * row['outside_envelope']:.1f}", f"{100 * row['inside_band']:.1f}")
         line = next(line for line in text.splitlines() if line.strip().startswith(row["recording"]))
         assert all(cell in line.split() for cell in cells), (cells, line)

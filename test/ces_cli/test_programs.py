@@ -23,6 +23,7 @@ from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 from ces_observer.structures.terms import Factor, Term
+from ces_report.typesetting import format_within
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +53,10 @@ def read_effort(bag: str, topic: str, joint: str) -> NDArray[np.float64]:
 def test_validate_and_identify_agree_on_the_cost(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = json.loads(Path("model.json").read_text())["provenance"]["cost_J_percent"]
     expected = next(row["J"] for row in rows if row["role"] == "validation")
+    (document,) = document_of(capsys, "validate", "model.json", "two")["recordings"]
+    assert document["J_percent"] == pytest.approx(expected, abs=1e-4)
     printed = text_of(capsys, "validate", "model.json", "two", "--report", "v.html")
-    assert f"{expected:.2f}" in printed
+    assert format_within(expected, *document["ci95_percent"])[0] in printed.split()
     assert "band %" in printed and "meant to hold 90 % of the measured forces" in printed
     share = float(next(line for line in printed.splitlines() if "test" in line and "two" in line).split()[-1])
     model = load_model("model.json")
@@ -161,7 +164,8 @@ def test_validate_counts_the_held_ticks_in_j_and_in_the_table(capsys):
     (line,) = (line for line in err.splitlines() if line.startswith(TELLS))
     (row,) = (row.split() for row in out.splitlines() if row.split()[:2] == ["servo", "test"])
     (document,) = document_of(capsys, "validate", "m.json", "servo")["recordings"]
-    assert 20.0 < document["J_percent"] < 80.0 and f"{document['J_percent']:.2f}" in row
+    assert 20.0 < document["J_percent"] < 80.0
+    assert format_within(document["J_percent"], *document["ci95_percent"])[0] in row
     assert f"{100.0 * document['force_held']:.3g} % of the time" in line
     assert f"{100.0 * document['outside_envelope']:.1f}" == row[-1]
     assert document["outside_envelope"] >= document["force_held"] > 0.2

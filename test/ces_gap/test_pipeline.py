@@ -116,6 +116,9 @@ def test_a_cause_is_named_with_its_parameter_despite_a_baseline_error() -> None:
     diagnosis = diagnosis_of_sprung()
     assert diagnosis.verdict == NAMED and diagnosis.composition.effects == ("gas_spring",)
     assert diagnosis.causes[0].effects == ("gas_spring",) and diagnosis.causes[0].probability > 0.5
+    frame = pytest.importorskip("pandas") and diagnosis.to_frame()
+    assert frame["effect"][0] == "gas_spring" and len(frame) == len(diagnosis.causes)
+    assert frame["shrink_low"][0] < frame["shrink"][0] < frame["shrink_high"][0]
     stiffness = next(e for e in diagnosis.composition.estimates[0] if e.name == "stiffness_N_m")
     assert stiffness.value == pytest.approx(STIFFNESS, rel=0.05) and not stiffness.at_bound
     assert stiffness.ci95[0] < stiffness.value < stiffness.ci95[1]

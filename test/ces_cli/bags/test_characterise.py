@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from dyno_recordings import recording_of, sine_motion
 
-from ces import Recording
 from ces_cli.main import main
+from ces_identify.scripting.recording import with_methods
 
 LAW = """import numpy as np
 
@@ -24,7 +24,7 @@ def dyno(tmp_path_factory):
     t, x, v = sine_motion(duration_s=4.0)
     for current in (0.3, 0.6):
         made = recording_of(t, x, current, 2000.0 * current * v, 5.0, name="x")
-        Recording.of(made).save(folder / f"sine_{current}")
+        with_methods(made).save(folder / f"sine_{current}")
     return folder
 
 

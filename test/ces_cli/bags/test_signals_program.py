@@ -49,7 +49,7 @@ def test_without_out_the_file_goes_to_the_standard_output(bag, tmp_path, capsys)
     out, err = capsys.readouterr()
     (tmp_path / "piped.yaml").write_text(out)
     assert load_signals(tmp_path / "piped.yaml")["position"].scale == pytest.approx(0.001)
-    assert "/lvdt data" in err
+    assert "/lvdt data" in err and "[mm to SI]" in " ".join(err.split()) and "\\[" not in err
 
 
 def test_json(bag, capsys):

@@ -12,7 +12,8 @@ import pytest
 from programs import ces, run_here
 from samplings import make_sampling
 
-from ces_cli.terminal.inputs import find_bags, find_fleet_units
+from ces_cli.terminal.inputs import find_fleet_units
+from ces_data.bags.find import find_bags
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.checks.content import recording_marks

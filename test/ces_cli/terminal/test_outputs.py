@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ces_cli.terminal.outputs import OUT, name_report, require_folder, require_outputs
+from ces_cli.terminal.outputs import name_report
+from ces_data.outputs import OUT, require_folder, require_outputs
 from ces_observer.errors import CesError, OptionName
 from ces_observer.json_text import write_atomically
 

@@ -12,7 +12,8 @@ from programs import error_line
 from ces import Recording
 from ces_cli.main import main
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bag, find_bags, with_distinct_names
+from ces_cli.terminal.inputs import find_bag, with_distinct_names
+from ces_data.bags.find import find_bags
 from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
 

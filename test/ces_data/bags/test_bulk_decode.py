@@ -6,7 +6,7 @@ import tiny_bags as tiny
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_data.bags.decode import LAYOUTS_PER_LENGTH, Block, MessageDecoder
+from ces_data.bags.decode import LAYOUTS_PER_LENGTH, Block, MessageDecoder, element_name
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 
@@ -27,20 +27,23 @@ def block_of(payloads):
     return Block(np.frombuffer(raw, dtype=np.uint8), zeros, zeros, starts, lengths)
 
 
-def read_one(raw, kind, paths):
+def read_one(raw, kind, paths, names=()):
     message = STORE.deserialize_cdr(raw, kind)
     numbers = []
-    for path in paths:
+    for path, first in zip(paths, names or [""] * len(paths), strict=True):
         try:
-            numbers.append(path.read(message))
+            name = element_name(message, path)  # a number of another joint than the first message's is none
+            numbers.append("another joint" if name and first and name != first else path.read(message))
         except SignalsError as error:
             numbers.append(str(error))
     return numbers
 
 
 def slow_twin(payloads, kind, paths):
-    rows = [[np.nan if isinstance(x, str) else x for x in read_one(raw, kind, paths)] for raw in payloads]
-    present = [[not isinstance(x, str) for x in read_one(raw, kind, paths)] for raw in payloads]
+    names = [element_name(STORE.deserialize_cdr(payloads[0], kind), path) for path in paths] if payloads else ()
+    read = [read_one(raw, kind, paths, names) for raw in payloads]
+    rows = [[np.nan if isinstance(x, str) else x for x in row] for row in read]
+    present = [[not isinstance(x, str) for x in row] for row in read]
     return np.array(rows, dtype=np.float64).reshape(-1, len(paths)), np.array(present).reshape(-1, len(paths))
 
 

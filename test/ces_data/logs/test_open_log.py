@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 from log_examples import CURRENT, I_SLOW, START_NS, T_SLOW, F, T, X, assert_proposed, assert_recording
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -33,6 +34,7 @@ HEADS = {"log.mat": b"MATLAB 7.3 MAT-file".ljust(512)}
         ("log.blf", "can", "python-can", "can"),
         ("log.asc", "cantools", "cantools", "can"),
         ("log.parquet", "pyarrow", "pyarrow", "parquet"),
+        ("log.tdms", "nptdms", "nptdms", "tdms"),
     ],
 )
 def test_a_missing_library_is_one_line_with_the_extra(tmp_path, monkeypatch, name, module, package, extra):
@@ -126,6 +128,49 @@ def test_an_asc_file_is_a_can_log_only_if_it_begins_like_one(tmp_path):
     (tmp_path / "log.asc").write_text("time\tposition\n0.0\t1.0\n")
     (tmp_path / "can.asc").write_text("date Wed May 1 12:00:00.250 pm 2024\nbase hex  timestamps absolute\n")
     assert (find_format(tmp_path / "log.asc"), find_format(tmp_path / "can.asc")) == ("csv", "can")
+
+
+def runs_of(kind):
+    """Return a MATLAB file's content whose second run holds the signals, and the place of it."""
+    signals = {"time": T, "stroke_mm": 1e3 * X, "current_A": CURRENT, "force_N": F}
+    first = {name: values[:700] + 1.0 for name, values in signals.items()}
+    if kind == "structures":
+        return {"run": np.array([first, signals], dtype=object)}, "run(2)", {}
+    matrices = np.empty(2, dtype=object)
+    matrices[:] = [np.stack(list(part.values()), axis=1) for part in (first, signals)]
+    numbers = dict(zip(signals, range(4), strict=True))
+    return {"data": matrices}, "data{2}", numbers
+
+
+@pytest.mark.parametrize("kind", ["structures", "cells"])
+def test_one_of_several_runs_in_a_mat_file_is_chosen_by_its_place(tmp_path, kind):
+    content, place, numbers = runs_of(kind)
+    scipy.io.savemat(tmp_path / "log.mat", content)
+    proposal = propose_mapping(tmp_path / "log.mat")
+    name, mark = place[:-3], place[-3]
+    end = {"(": ")", "{": "}"}[mark]
+    (first, *_) = proposal.doubts
+    kinds = {"(": "runs", "{": "cells"}[mark]
+    expected = f"rows: the file has 2 {kinds}, {name}{mark}1{end} to {name}{mark}2{end}; this is {name}{mark}1{end}"
+    assert first == expected
+    columns = {signal: numbers.get(column, column) for signal, column in (
+        ("time", "time"), ("position", "stroke_mm"), ("current", "current_A"), ("force", "force_N"))}  # fmt: skip
+    lines = [f"{signal}: {{column: {column}}}" for signal, column in columns.items()]
+    lines[1] = lines[1].replace("}", ", unit: mm}")
+    for rows in (place, place.replace("(2)", "[1]").replace("{2}", "[1]")):
+        text = "\n".join([f'rows: "{rows}"', *lines])
+        assert_recording(import_log(tmp_path / "log.mat", parse_dyno_mapping(text, "map.yaml")), slow=False)
+    with pytest.raises(RecordingError, match=re.escape(f"no part {mark}9{end}; expected 1 to 2 there")):
+        text = "\n".join([f'rows: "{name}{mark}9{end}"', *lines])
+        import_log(tmp_path / "log.mat", parse_dyno_mapping(text, "map.yaml"))
+
+
+def test_matrices_of_an_iddata_structure_have_its_names_units_and_rate(tmp_path):
+    z = {"OutputData": F, "InputData": np.stack([1e3 * X, CURRENT], axis=1), "Ts": T[1] - T[0], "OutputName": "force"}
+    names = {"InputName": ["stroke", "current"], "InputUnit": ["mm", "A"], "OutputUnit": "N"}
+    z |= {name: np.array(texts, dtype=object) for name, texts in names.items()}
+    scipy.io.savemat(tmp_path / "log.mat", {"z": z})
+    assert_proposed(tmp_path / "log.mat", slow=False)
 
 
 # ------------- ROS 1 bags written by rosbags: read by every program with a signals file, and imported with a mapping.

@@ -73,7 +73,7 @@ def test_a_twin_is_read_as_it_was_written() -> None:
     document = json.loads(json.dumps(RINGING.as_json()))
     assert Twin.from_json(document) == RINGING
     assert Twin.from_json({k: v for k, v in document.items() if k != "column_s2"}) == replace(RINGING, column_s2=0.0)
-    with pytest.raises(ModelError, match="expected 'ces-twin/1'"):
+    with pytest.raises(ModelError, match="expected ces-twin"):
         Twin.from_json({**document, "schema": "ces-model/1"})
     with pytest.raises(ModelError):
         Twin.from_json({**document, "tick_s": 0.0})

@@ -60,7 +60,10 @@ def test_only_the_named_parameters_are_fitted_and_a_bound_is_a_doubt() -> None:
     result = calibrate(simulation("knee"), "knee", recordings, fit=["gas_N_m=1000..2000"])
     (gas,) = result.parameters
     assert gas.at_bound and gas.value == pytest.approx(2000.0, rel=0.01)
-    assert "gas_N_m lies at a bound or far from the default" in describe(result)
+    assert "gas_N_m lies at a bound or far from the default" in describe(result) == result.sentence
+    frame = pytest.importorskip("pandas") and result.to_frame().set_index("parameter")
+    assert result.values == {"gas_N_m": gas.value} == dict(frame["value"])
+    assert frame["low"]["gas_N_m"] < gas.value < frame["high"]["gas_N_m"] and frame["at_bound"]["gas_N_m"]
 
 
 def test_a_hydraulic_model_is_calibrated_on_a_worn_damper(worn_recordings) -> None:  # type: ignore[no-untyped-def]

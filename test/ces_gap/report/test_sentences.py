@@ -43,6 +43,8 @@ def diagnoses(draw: st.DrawFn) -> Diagnosis:
     referenced, late = draw(st.booleans()), draw(st.booleans())
     corrected_N = before_N * draw(st.floats(0.001, 1.3)) if referenced or late else before_N
     gap = replace(base.gap, rms_N=before_N, corrected_N=corrected_N, noise_floor_N=draw(FORCES))
+    narrow = {"ci95_N": before_N, "corrected_ci95_N": corrected_N}
+    gap = replace(gap, **{name: (0.998 * force_N, 1.002 * force_N) for name, force_N in narrow.items()})
     gap = replace(gap, noise_in_band_N=gap.noise_floor_N * draw(shares))
     closed = [draw(st.floats(0.0, 0.999)) for _ in range(len(base.causes) + 1)]
     weights = np.array([draw(shares) + 1e-6 for _ in range(len(base.causes) + 2)])

@@ -73,7 +73,7 @@ def at_rate(rate_Hz):
         (["a.json", "b/c.json"], ["a", "c"]),
         (["one/model.json", "two/model.json", "other.json"], ["one/model", "two/model", "other"]),
         (["x/one/m.json", "y/one/m.json"], ["x/one/m", "y/one/m"]),
-        (["damper.fmu", "module:force", "topic:/p"], ["damper.fmu", "module:force", "p"]),
+        (["damper.fmu", "module:force", "topic:/p"], ["damper", "module:force", "p"]),
     ],
 )
 def test_names_are_short_and_differ(sources, names):

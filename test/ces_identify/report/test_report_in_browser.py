@@ -90,7 +90,9 @@ def values(page, ident):
 
 
 def middle(page, ident, across=0.5, down=0.2):
-    box = page.locator(f"#{ident}-plot .plot-frame").bounding_box()
+    frame = page.locator(f"#{ident}-plot .plot-frame")
+    frame.scroll_into_view_if_needed()
+    box = frame.bounding_box()
     return box["x"] + across * box["width"], box["y"] + down * box["height"]
 
 

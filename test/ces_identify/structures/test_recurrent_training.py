@@ -139,7 +139,7 @@ def test_several_starts_are_averaged_if_that_is_better():
     heard = []
     limits = Limits(starts=2, threads=2, work=0.05)
     fit = fit_recurrent([series(1)], SAMPLING, IdentifyOptions(limits=limits), heard.append)
-    assert fit.results[0].cost == min(one.cost for one in heard)
+    assert fit.results[0].cost == min(one.cost for one in heard if not isinstance(one, str))
     assert fit.model.body.parameters == len(fit.results[0].coefficients)
 
 
