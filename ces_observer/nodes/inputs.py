@@ -121,10 +121,16 @@ class InputSubscriptions:
         return self._topics[self._resolve_topic(signal), signal.type].losses
 
     def find_mismatch(self, signal: Signal) -> str:
-        """Return a sentence on publishers of the signal's topic with other types, empty without any."""
+        """Return a sentence on publishers of the signal's topic with other types, or too many; empty without any.
+
+        Several may publish the same topic where the field names a joint.
+        """
         topic = self._resolve_topic(signal)
         subscription = self._topics[topic, signal.type].subscription
-        if subscription is None or self._node.count_publishers(topic) <= subscription.get_publisher_count():
+        count = 0 if subscription is None else subscription.get_publisher_count()
+        if count > 1 and not any(isinstance(element, str) for _, element in signal.field.steps):
+            return f"{topic} has {count} publishers, whose samples mix; expected one"
+        if subscription is None or self._node.count_publishers(topic) <= count:
             return ""
         types = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)}
         others = ", ".join(sorted(types - {signal.type}))
@@ -170,10 +176,10 @@ class InputSubscriptions:
             if change.alive_count == 0 and change.alive_count_change < 0:
                 self._on_silence(topic)
 
-        wrap = self._node.guard.wrap
-        deadline = wrap(lambda _: self._on_silence(topic)) if is_set("deadline") else None
-        liveliness = wrap(on_liveliness) if is_set("liveliness_lease_duration") else None
-        return SubscriptionEventCallbacks(deadline=deadline, liveliness=liveliness)
+        return SubscriptionEventCallbacks(
+            deadline=self._node.guard.wrap(lambda _: self._on_silence(topic)) if is_set("deadline") else None,
+            liveliness=self._node.guard.wrap(on_liveliness) if is_set("liveliness_lease_duration") else None,
+        )
 
     def take_all(self, topic: _Topic, first: Taken) -> None:
         """Read a message and all that wait on any topic, in the order in which they were sent."""

@@ -24,6 +24,7 @@ from node_process import NodeProcess, ros_args
 from patience import PATIENCE_S
 from rclpy.client import Client
 from rclpy.task import Future
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from vehicle import Vehicle, wait
 
@@ -58,7 +59,7 @@ int rcl_subscription_set_on_new_message_callback(void * subscription, void * cal
     subscription, callback, data);
 }
 """  # rclcpp sets it twice: the executor is not woken for the first subscription to the position
-LONG_S = 20.0  # for which a model bridges lost samples
+LONG_S = 10.0  # for which a model bridges lost samples
 ROUNDS = int(os.environ.get("CES_ROUNDS", "5"))  # of cleanup and configure
 
 
@@ -158,6 +159,16 @@ def test_an_input_that_its_executor_does_not_read_is_subscribed_to_anew(
         wait(lambda: bool(vehicle.estimates), "estimates")
     last = f"{vehicle.namespace}/joint_states: the executor does not read the messages that wait; subscribed anew"
     vehicle.hears_value("unexpected errors", f"1, the last: {last}")
+
+
+def test_two_publishers_of_one_number_are_named(vehicle: Vehicle, package: CppPackage, flat_path: Path) -> None:
+    node = package.start(vehicle.namespace, "observer", {"model": flat_path})
+    try:
+        vehicle.meets_node()
+        vehicle.node.create_publisher(Float64, "valve_current", 1)
+        vehicle.hears("valve_current has 2 publishers, whose samples mix; expected one", None)
+    finally:
+        node.kill()
 
 
 def test_a_missed_deadline_is_silence(vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from ces_observer.nodes.parameter_table import IN_USE
 
 WARM_UP_S = 0.1  # of the test model
 RECOVERY_S = 0.2
-LONG_S = 20.0  # for which a model bridges lost samples
+LONG_S = 10.0  # for which a model bridges lost samples
 OFFSET_S = -30.0
 Start = Callable[..., NodeProcess]
 
@@ -118,6 +118,12 @@ def test_what_cannot_change_live_is_refused(live: Vehicle) -> None:
         assert live.sets(name, value).reason == f"parameter '{name}' cannot be set because {IN_USE}"
     assert "read-only" in live.sets("executor", "single").reason
     assert live.gets("executor") == "auto"
+
+
+def test_two_publishers_of_one_number_are_named(live: Vehicle) -> None:
+    told, second = len(live.statuses), live.node.create_publisher(Float64, "valve_current", 1)
+    live.hears("valve_current has 2 publishers, whose samples mix; expected one", None, told)
+    live.node.destroy_publisher(second)
 
 
 def test_a_missed_deadline_is_silence(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:

@@ -130,11 +130,18 @@ public:
     }
   }
 
-  // A sentence on publishers whose type is not that of their topic's signal, empty without any.
+  // A sentence on publishers whose type is not that of their topic's signal, or that are too many; empty without any.
+  // Several may publish the same topic where the field names a joint.
   std::string find_mismatch() const {
     std::vector<std::string> found;
     for (const auto & topic : topics_) {
-      if (node_.count_publishers(topic->name) <= topic->subscription->get_publisher_count()) {continue;}
+      const auto count = topic->subscription->get_publisher_count();
+      const bool is_named = std::all_of(
+        topic->readers.begin(), topic->readers.end(), [](const Reader & one) {return one.field.is_named();});
+      if (count > 1 && !is_named) {
+        found.push_back(topic->name + " has " + std::to_string(count) + " publishers, whose samples mix; expected one");
+      }
+      if (node_.count_publishers(topic->name) <= count) {continue;}
       auto types = find_types(node_, topic->name);
       types.erase(topic->signal.type);
       if (!types.empty()) {
