@@ -31,11 +31,12 @@ def is_foreign(path: Path) -> bool:
 
 def is_log(path: Path) -> bool:
     """Return whether a file is a log that is read like a bag, and not one that ces wrote, such as a model."""
-    return is_foreign(path) and not _is_ours(path)
+    return is_foreign(path) and not is_ours(path)
 
 
-def _is_ours(path: Path) -> bool:
-    if path.suffix.lower() != ".json":
+def is_ours(path: Path) -> bool:
+    """Return whether ces wrote a file: a model or a result, in JSON."""
+    if path.suffix.lower() != ".json" or not path.is_file():
         return False
     with path.open("rb") as file:
         return re.match(rb'\s*\{\s*"schema"\s*:\s*"ces-', file.read(100)) is not None
@@ -43,7 +44,7 @@ def _is_ours(path: Path) -> bool:
 
 def explain_import(path: Path) -> str:
     """Return what a foreign file is, and the command that makes a bag of it."""
-    if _is_ours(path):
+    if is_ours(path):
         return "is a file that ces wrote, such as a model, and no recording; expected a bag"
     return (
         f"is {KINDS[path.suffix.lower()]}, not a rosbag2 bag; convert it: ces import {shlex.quote(str(path))} --out BAG"

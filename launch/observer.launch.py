@@ -11,6 +11,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 
+ESTIMATES = ("", "_band", "_delayed", "_delayed_band")
 PARAMETERS = {  # by argument: the parameter, its type, and what it means
     "model": ("model", str, "path of the model file (model.json)"),
     "position_topic": ("position.topic", str, "topic of the position"),
@@ -22,7 +23,7 @@ PARAMETERS = {  # by argument: the parameter, its type, and what it means
 }
 OTHERS = {
     "params_file": (get_package_share_path("ces_observer") / "config" / "observer.yaml", "parameter file"),
-    "estimate_topic": ("", "topic of the estimate of a single damper"),
+    "estimate_topic": ("", "topic of the estimates of a single damper, with _band and _delayed after it"),
     "namespace": ("", "namespace of node and topics"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
 }
@@ -39,6 +40,7 @@ def generate_launch_description() -> LaunchDescription:
 
 def observer(context: LaunchContext) -> list[LifecycleNode]:
     given = context.launch_configurations
+    topic = given["estimate_topic"]
     own = {
         parameter: ParameterValue(LaunchConfiguration(name), value_type=kind)
         for name, (parameter, kind, _) in PARAMETERS.items()
@@ -51,7 +53,7 @@ def observer(context: LaunchContext) -> list[LifecycleNode]:
         namespace=LaunchConfiguration("namespace"),
         output="screen",
         parameters=[LaunchConfiguration("params_file"), own],
-        remappings=[("~/estimate", given["estimate_topic"])] if given["estimate_topic"] else [],
+        remappings=[(f"~/estimate{end}", topic + end) for end in ESTIMATES if topic],
         ros_arguments=["--log-level", LaunchConfiguration("log_level")],
     )
     return [node]

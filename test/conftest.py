@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
@@ -12,6 +13,8 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before NumPy: beside other work, sev
 import pytest
 from needs import skip_without
 from shared_results import SharedResults, common_folder, diagnose_once, identify_once
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs of a shell (&), and what they start, ignore it
 
 with suppress(ImportError):  # as beside ROS 2
     from hypothesis import HealthCheck, settings

@@ -23,7 +23,8 @@ BY_THE_NODE = {
     "add_post_set_parameters_callback",
 }
 # Not guarded by GuardedNode: the callbacks must be the result of `guard.wrap`.
-BY_HAND = {"create_jump_callback"}
+BY_HAND = {"create_jump_callback", "SubscriptionEventCallbacks"}
+WORDS = ("pre_callback", "post_callback", "deadline", "liveliness")  # of their callbacks
 # Neither: such a callback would have to be guarded first.
 NOT_AT_ALL = {
     "create_client",
@@ -36,7 +37,6 @@ NOT_AT_ALL = {
     "add_waitable",
     "on_shutdown",
     "call_async",
-    "SubscriptionEventCallbacks",
     "PublisherEventCallbacks",
     "Timer",
 }
@@ -55,7 +55,7 @@ def test_no_callback_passes_by_the_guard_or_is_a_coroutine() -> None:
         assert not [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, kinds)], path
         for name, call in calls(path):
             assert name not in NOT_AT_ALL, f"{path}: {ast.unparse(call)}"
-            callbacks = [word.value for word in call.keywords if word.arg in ("pre_callback", "post_callback")]
+            callbacks = [word.value for word in call.keywords if word.arg in WORDS]
             if name in BY_HAND:
                 assert callbacks and all(".guard.wrap(" in ast.unparse(callback) for callback in callbacks), path
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -68,30 +69,46 @@ def test_version_is_one() -> None:
     assert manifest.findtext("version") == __version__ == arguments("")["version"]
 
 
-def depends(vehicle: str) -> set[str]:
-    """Return what rosdep installs with this CES_VEHICLE: package.xml's dependencies whose condition (REP 149) holds."""
-    tags = [tag for tag in ElementTree.parse(ROOT / "package.xml").getroot() if tag.tag.endswith("_depend")]
-    assert {tag.get("condition", "") for tag in tags} == {"", "$CES_VEHICLE != 1"}
-    return {str(tag.text) for tag in tags if vehicle != "1" or not tag.get("condition")}
+def depends(manifest: Path, *, vehicle: bool = False) -> set[str]:
+    """Return what rosdep installs, on a vehicle with CES_VEHICLE=1: dependencies whose condition (REP 149) holds."""
+    tags = [tag for tag in ElementTree.parse(manifest).getroot() if tag.tag.endswith("depend")]
+    conditions = {tag.get("condition", "") for tag in tags}
+    assert conditions <= {"", "$CES_VEHICLE != 1", "$CES_ROS2_CONTROL == 1"}
+    return {str(tag.text) for tag in tags if not (vehicle and tag.get("condition"))}
 
 
-def test_a_vehicle_gets_what_the_nodes_import_and_no_more() -> None:
-    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "ces_observer").rglob("*.py")]
-    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ImportFrom | ast.Import)]
-    names = {getattr(node, "module", None) or node.names[0].name for node in nodes}
-    imported = {name.partition(".")[0] for name in names} - {"ces_observer", *sys.stdlib_module_names}
-    by_name = {
-        "python3-dev",
-        "rosbag2_interfaces",
-        "rosgraph_msgs",
-        "lifecycle_msgs",
-        "launch",
-        "launch_ros",
-        "ros2launch",
-    }
-    assert depends("1") == imported | by_name
-    desk = depends("") - depends("1")
+def imports(*folders: str) -> set[str]:
+    """Return the packages that the Python files in these folders import, without the standard library and our own."""
+    paths = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    found = [node for path in paths for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+    names = [one.name for node in found if isinstance(node, ast.Import) for one in node.names]
+    names += [node.module or "" for node in found if isinstance(node, ast.ImportFrom)]
+    ours = {path.stem for path in (ROOT / "test").rglob("*.py")} | {"bench", "ces", "test"}
+    top = {name.partition(".")[0] for name in names} - ours - set(sys.stdlib_module_names)
+    return {name for name in top if not name.startswith("ces_")}
+
+
+def test_a_vehicle_gets_what_nodes_and_launch_files_import_and_no_more() -> None:
+    vehicle = depends(ROOT / "package.xml", vehicle=True)
+    assert vehicle == imports("ces_observer", "launch") | {"python3-dev", "ros2launch"}
+    desk = depends(ROOT / "package.xml") - vehicle
     assert all(any(library in key for key in desk) for library in (*DESK, "flask", "pytest"))
+
+
+def test_the_ros_tests_get_what_they_import_and_run() -> None:
+    paths = [path.read_text(encoding="utf-8") for path in (ROOT / "test" / "ros").glob("*.py")]
+    programs = {f"ros2{word}" for text in paths for word in re.findall(r'\["ros2", "(\w+)"', text)}
+    named = depends(ROOT / "package.xml")
+    needed = imports("test/ros", "ces_rig/live") | programs
+    assert [name for name in needed if not {name, f"python3-{name}"} & named] == []
+
+
+def test_the_cpp_package_names_what_it_includes_and_imports() -> None:
+    package = ROOT / "ces_observer_cpp"
+    texts = [path.read_text(encoding="utf-8") for path in (package / "src").rglob("*.[hc]pp")]
+    included = {name for text in texts for name in re.findall(r"#include <(\w+)/", text)} - {package.name}
+    assert included | imports(f"{package.name}/launch") <= depends(package / "package.xml")
+    assert (package / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
 
 
 def test_package_files_are_where_ament_looks() -> None:

@@ -162,6 +162,8 @@ class EpisodeLimits:
     max_force_N: float
     warm_up_s: float
     max_age_s: float
+    recovery_s: float = RECOVERY_S
+    longest_pause_s: float = LONGEST_PAUSE_S
 
 
 @dataclass(frozen=True)
@@ -193,7 +195,7 @@ def evaluate_episode(
         *_check_stamps(episode, estimates, span, rules),
         *_check_recovery(episode.fault, recovery, rules),
         *([f"force off by {error:.0f} N"] if error > MAX_ERROR_SHARE * rules.max_force_N else []),
-        *_check_pauses(episode, estimates, span),
+        *_check_pauses(episode, estimates, span, rules),
     ]
     worst = max((abs(estimates.forces[k]) for k in span), default=nan)
     return FaultOutcome(episode.fault.name, reason, recovery, worst, error, tuple(wrong))
@@ -280,15 +282,17 @@ def _check_stamps(
 
 
 def _check_recovery(fault: Fault, recovery_s: float, rules: EpisodeLimits) -> list[str]:
-    allowed_s = RECOVERY_S + (rules.warm_up_s if fault.restarts else 0.0)
+    allowed_s = rules.recovery_s + (rules.warm_up_s if fault.restarts else 0.0)
     if recovery_s <= allowed_s:
         return []
     return ["no recovery" if isnan(recovery_s) else f"recovery took {recovery_s:.2f} s, allowed are {allowed_s:g}"]
 
 
-def _check_pauses(episode: FaultEpisode, estimates: EstimateSequence, span: Iterable[int]) -> list[str]:
+def _check_pauses(
+    episode: FaultEpisode, estimates: EstimateSequence, span: Iterable[int], rules: EpisodeLimits
+) -> list[str]:
     if episode.fault.output != TRUE:
         return []
     times = [episode.began_at, *(estimates.at[k] for k in span if estimates.at[k] < episode.good_at), episode.good_at]
     longest = max(b - a for a, b in pairwise(times)) * 1e-9
-    return [f"no estimate for {longest:.2f} s"] if longest > LONGEST_PAUSE_S else []
+    return [f"no estimate for {longest:.2f} s"] if longest > rules.longest_pause_s else []

@@ -33,8 +33,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from bench.reliability.ride import read_estimate
-from ces_observer.nodes.executors import EventsExecutor
 from ces_observer.nodes.outputs import LATCHED
+from ces_observer.nodes.rclpy_gaps import EventsExecutor
 
 ROOT = Path(__file__).resolve().parents[2]
 

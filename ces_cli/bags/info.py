@@ -1,4 +1,4 @@
-"""`ces info`: shows what bags contain and whether they can be used."""
+"""`ces info`: shows what bags contain and whether they can be used, or what a model file says."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from ces_data.bags.reader import list_topics, read_recording
 from ces_data.bags.storage import Topic
 from ces_data.checks.check import find_all_faults
 from ces_data.findings import ERROR, WARNING, WRONG_MODEL, Finding
-from ces_data.log_formats import is_log
+from ces_data.log_formats import is_log, is_ours
 from ces_data.recording import Recording
 from ces_data.samples import ChannelStats, Coverage, channel_stats, coverage
 from ces_data.signals_file import load_signals
-from ces_observer.errors import RecordingError
+from ces_observer.errors import CesError, RecordingError
+from ces_observer.model import load_model
 from ces_observer.records import declare
 from ces_observer.signals import UNITS, Signal, Signals
 from ces_report.table import text_table
@@ -46,7 +47,7 @@ class BagReport:
 class InfoRequest(ProgramRequest):
     """What `ces info` is asked for."""
 
-    bags: tuple[str, ...] = declare(replace(BAGS, meaning=f"recordings: {BAGS_FORM}"))
+    bags: tuple[str, ...] = declare(replace(BAGS, meaning=f"recordings: {BAGS_FORM}; or a MODEL.json"))
     signals: Path | None = declare(SIGNALS)
     json: bool = declare(JSON)
 
@@ -54,7 +55,14 @@ class InfoRequest(ProgramRequest):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError, after the report if a bag cannot be used."""
     request = make_parser().read(argv)
-    paths = find_bags(request.bags)
+    models = [Path(word) for word in request.bags if is_ours(Path(word))]
+    if models and request.json:
+        raise CesError(f"{models[0]}: a model is JSON already; omit --json, or the model")
+    for path in models:
+        _print_model(path)
+    paths = find_bags([word for word in request.bags if Path(word) not in models])
+    if not paths:
+        return 0
     signals = load_signals(request.signals)
     reports = [_inspect_bag(path, signals) for path in paths]
     covered = coverage([report.recording for report in reports])
@@ -74,7 +82,7 @@ def make_parser() -> terminal.Parser[InfoRequest]:
     return terminal.parser(
         "info",
         "Inspect recordings: signals, rate, jitter, gaps, ranges in SI units, faults, and the distribution of time "
-        "over speed and current. The exit status is 2 if a recording cannot be used.",
+        "over speed and current; or a model: its size, ranges and proof. The exit status is 2 if one cannot be used.",
         "ces info bags/sweep bags/noise",
         InfoRequest,
     )
@@ -88,6 +96,22 @@ def _inspect_bag(path: Path, signals: Signals) -> BagReport:
     warned = tuple(Finding(WARNING, str(warning.message)) for warning in caught)
     stats = {name: channel_stats(channel) for name, channel in recording.channels.items()}
     return BagReport(recording, topics, stats, find_all_faults(recording) + warned)
+
+
+def _print_model(path: Path) -> None:
+    """Print what a model file says, its stability proved anew; raises CesError if the file is no model."""
+    model = load_model(path)
+    sampling, ends = model.sampling, (*model.envelope.by_signal.items(), ("force", model.force_envelope_N))
+    proof = "proved for every input" if model.is_stable() else model.body.unproved
+    terminal.print_line(f"{path}  (sha256 {model.digest()[:SHORT_HASH]}…)", "bold")
+    terminal.print_line(f"  model: {model.structure}, {model.size}")
+    terminal.print_line(
+        f"  {sampling.rate_Hz:g} Hz; force after {model.warm_up_s:g} s; delay {sampling.delay_s:g} s; bridges lost "
+        f"samples for {sampling.max_gap_s:g} s"
+    )
+    for name, (low, high) in ends:
+        terminal.print_line(f"  {name} from {_format_value(low)} to {_format_value(high)} {UNITS[name]}")
+    terminal.print_line(f"  inputs outside are {model.body.outside}; stability: {proof}")
 
 
 def _print_report(reports: list[BagReport], covered: Coverage, signals: Signals) -> None:

@@ -24,7 +24,15 @@ from ces_observer.core import SEEDS, tick_digest
 from ces_observer.errors import CesError, ModelError
 from ces_observer.health import arrivals, diagnostics
 from ces_observer.limits import ClockLimits, HealthLimits, NumberLimits
-from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, signal_options, type_name
+from ces_observer.nodes.parameter_table import (
+    IN_USE,
+    NAME,
+    OF_A_DAMPER,
+    OF_THE_NODE,
+    OF_THE_PROCESS,
+    signal_options,
+    type_name,
+)
 from ces_observer.options import Option
 from ces_observer.signals import DEFAULTS, MOTIONS, NUMBERS
 from ces_observer.tick.run import rounding_sample
@@ -35,8 +43,8 @@ MEANINGS = {
     "model": "absolute path of the flat file from `ces export model.json --out NAME.ces`; a new path is checked and "
     "loaded while running",
     "snapshot_service": "service of a `ros2 bag record --snapshot-mode` that ~/snapshot calls; empty: none",
-    "executor": "what runs the callbacks of the program `observer`: 'events' (auto) is rclcpp's EventsExecutor, "
-    "'single' its SingleThreadedExecutor",
+    "executor": "what runs the callbacks of the program: 'single' (auto) is rclcpp's SingleThreadedExecutor, "
+    "'events' its experimental EventsExecutor, no faster here",
     "name": "joint name in the estimate; empty: the one in position.field, else 'damper'",
 }  # of parameters that differ here from the Python node's
 CONSTANT = "current.constant"  # which may be not set, so that the node declares it by hand
@@ -56,6 +64,8 @@ constexpr const char * CORE_DIGEST = "{digest}";
 constexpr double ROUNDED[] = {{{rounded}}};  // ces_rounding_sample(1) and so on
 constexpr double LARGEST = {largest!r};  // of a scale, offset or constant, either way
 constexpr const char * PYTHON_ONLY[] = {{{others}}};  // parameters
+constexpr const char * IDLE_ONLY[] = {{{idle}}};  // parameters that cannot be set because
+constexpr const char * IN_USE = "{in_use}";
 
 // Why a force is published or withheld; the first are those of the core, in its order.
 enum Reason : std::size_t {{{names}}};
@@ -132,6 +142,11 @@ def list_parameters() -> list[Option]:
     return [option for option in listed if option.name != CONSTANT]
 
 
+def _idle_names() -> list[str]:
+    """Return the parameters that may change only while the node is not configured."""
+    return [option.name for option in list_parameters() if not option.live and option.name not in OF_THE_PROCESS]
+
+
 def parameter_library(name: str, options: Iterable[Option]) -> str:
     """Return parameters.yaml for generate_parameter_library, which declares the `options` in the C++ namespace `name`.
 
@@ -158,6 +173,8 @@ def reason_header() -> str:
         rounded=", ".join(rounding_sample(seed).hex() for seed in SEEDS),
         largest=NumberLimits.MAX_COEFFICIENT,
         others=", ".join(f'"{name}"' for name in PYTHON_ONLY),
+        idle=", ".join(f'"{name}"' for name in (*_idle_names(), CONSTANT)),
+        in_use=_literal(IN_USE),
         names=", ".join([*(names[text] for text in reasons.REASONS), *NODE_REASONS]),
         count=len(texts),
         texts=",\n  ".join(f'"{_literal(text)}"' for text in texts),
@@ -204,7 +221,7 @@ def _declaration(option: Option) -> dict[str, Any]:
     if option.default is not None:
         default = option.default
         declared["default_value"] = _literal(default) if isinstance(default, str) else default
-    declared |= {"description": option.described.replace('"', "'"), "read_only": not option.live}
+    declared |= {"description": option.described.replace('"', "'"), "read_only": option.name in OF_THE_PROCESS}
     if option.choices or _is_limited(option):
         declared["additional_constraints"] = option.expected
     if option.choices:

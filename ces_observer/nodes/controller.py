@@ -179,7 +179,6 @@ class Controller(ManagedNode):
             self._roll(elapsed)
 
     def _roll(self, elapsed_s: float) -> None:
-        executors.collect_garbage()
         self._jump_log.flush()
         self.guard.call(self._time.watch)
         if not self._is_configured:

@@ -40,7 +40,7 @@ class DamperTopics:
         measured = [name for name in MOTIONS if isinstance(signals.by_name.get(name), Signal)]
         motions = {name: CurrentHold(sampling.max_gap_s) for name in measured}
         self.damper = DamperObserver(settings.model, current, settings.values["max_age_s"], motions)
-        self.health = Health(self.damper, {}, name=settings.name)
+        self.health = Health(self.damper, {}, name=settings.label)
         self._node, self._clock, self._inputs = node, clock, inputs
         self._subscribed: list[Signal] = []
         self._on_change, self._on_first_force = node.guard.wrap(on_change), on_first_force
@@ -107,11 +107,18 @@ class DamperTopics:
             self.damper.report_silence()
             self._report_change()
 
+    def note_silence(self, topic: str) -> None:
+        """Withhold at once, where the middleware says that no position comes: `watch` notices it later."""
+        position = self.settings.signals["position"]
+        if isinstance(position, Signal) and topic == self._node.resolve_topic_name(position.topic):
+            self.damper.report_silence()
+            self._report_change()
+
     def note_mismatches(self) -> None:
         """Look for publishers that cannot be heard, and say so once."""
         found = "; ".join(filter(None, map(self._inputs.find_mismatch, self._subscribed)))
         if found and found != self.health.mismatch:
-            self._node.get_logger().warning(f"{self.settings.name}: {found}")
+            self._node.get_logger().warning(f"{self.settings.label}: {found}")
         self.health.mismatch = found
 
     def reset(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -19,6 +18,7 @@ from ces_observer.arrival_clock import ClockWatch
 from ces_observer.errors import CesError
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.parameter_table import EXECUTOR
+from ces_observer.nodes.rclpy_gaps import EventsExecutor, freeze_objects
 
 BACKWARD = Duration(nanoseconds=-1_000_000)
 # The steps of /clock in a fast replay are no jumps. The samples' stamps show shorter jumps.
@@ -65,11 +65,6 @@ class NodeClock:
         seconds = jump.delta.nanoseconds * 1e-9
         self._on_jump(CHANGES.get(jump.clock_change, f"simulated time jumped by {seconds:+.3f} s"))
 
-
-try:
-    from rclpy.experimental import EventsExecutor
-except ImportError:  # rclpy before 7.1.4, or one that has moved it
-    EventsExecutor = None
 
 AUTO, EVENTS, SINGLE = EXECUTOR.choices
 USER_ERROR = 2
@@ -136,16 +131,9 @@ def spin_on(node: GuardedNode, spin: Callable[[], None]) -> None:
             time.sleep(PAUSE_S)
 
 
-def collect_garbage() -> None:
-    """Collect new cyclic garbage: well under a millisecond, because all objects of the start are frozen."""
-    gc.collect()
-
-
 def _spin(node: GuardedNode, executor: Executor) -> None:
     executor.add_node(node)
-    gc.collect()
-    gc.freeze()
-    gc.disable()
+    freeze_objects()
     try:
         spin_on(node, executor.spin)
     finally:

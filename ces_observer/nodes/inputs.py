@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
-from inspect import Parameter, Signature
 from operator import itemgetter
 from time import time_ns
 from typing import Any
 
-from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import QoSPolicyKind, QoSProfile, QoSReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -25,6 +25,7 @@ from ces_observer.nodes.executors import NodeClock
 from ces_observer.nodes.guard import Guard
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.parameter_table import INPUT_DEPTH
+from ces_observer.nodes.rclpy_gaps import MESSAGE_AND_INFO, Taken, split_message, take_waiting
 from ces_observer.signals import Signal
 
 
@@ -84,16 +85,24 @@ def _check_field(signal: Signal, message: Any) -> None:
 
 Deliver = Callable[[int, float, bytes, int], None]  # stamp [ns], value [SI], frame id, the node's time on arrival [ns]
 Read = Callable[[bytes], Reading]
-Taken = tuple[bytes, dict[str, Any]]  # a message and rclpy's information about it
+OVERRIDABLE = [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DEADLINE,
+               QoSPolicyKind.LIVELINESS, QoSPolicyKind.LIVELINESS_LEASE_DURATION]  # fmt: skip
 MAX_ROUNDS = 100  # through all topics, before what was taken is read
-_MESSAGE_AND_INFO = Signature([Parameter(name, Parameter.POSITIONAL_ONLY) for name in ("message", "info")])
 
 
 class InputSubscriptions:
-    """All subscriptions of the node, with queues of `depth` messages; `drain` for a SingleThreadedExecutor."""
+    """All subscriptions of the node, with queues of `depth` messages; `drain` for a SingleThreadedExecutor.
 
-    def __init__(self, node: GuardedNode, clock: NodeClock, *, depth: int = INPUT_DEPTH, drain: bool = False) -> None:
+    `on_silence` is called with a topic that has missed its deadline, or whose last publisher is gone, where the
+    overrides of its quality of service have a deadline or a lease.
+    """
+
+    def __init__(
+        self, node: GuardedNode, clock: NodeClock, *, depth: int = INPUT_DEPTH, drain: bool = False,
+        on_silence: Callable[[str], None] = lambda topic: None,
+    ) -> None:  # fmt: skip
         self._node, self.clock, self._depth, self.drain = node, clock, depth, drain
+        self._on_silence = on_silence
         self._topics: dict[tuple[str, str], _Topic] = {}
 
     def reset(self) -> None:
@@ -112,10 +121,16 @@ class InputSubscriptions:
         return self._topics[self._resolve_topic(signal), signal.type].losses
 
     def find_mismatch(self, signal: Signal) -> str:
-        """Return a sentence on publishers of the signal's topic with other types, empty without any."""
+        """Return a sentence on publishers of the signal's topic with other types, or too many; empty without any.
+
+        Several may publish the same topic where the field names a joint.
+        """
         topic = self._resolve_topic(signal)
         subscription = self._topics[topic, signal.type].subscription
-        if subscription is None or self._node.count_publishers(topic) <= subscription.get_publisher_count():
+        count = 0 if subscription is None else subscription.get_publisher_count()
+        if count > 1 and not any(isinstance(element, str) for _, element in signal.field.steps):
+            return f"{topic} has {count} publishers, whose samples mix; expected one"
+        if subscription is None or self._node.count_publishers(topic) <= count:
             return ""
         types = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)}
         others = ", ".join(sorted(types - {signal.type}))
@@ -140,10 +155,9 @@ class InputSubscriptions:
         if key not in self._topics:
             self._topics[key] = topic = (_DrainedTopic if self.drain else _Topic)(self, self._node.guard, self._depth)
             qos = QoSProfile(depth=self._depth, reliability=QoSReliabilityPolicy.BEST_EFFORT)
-            options = QoSOverridingOptions.with_default_policies()
-            topic.subscription = self._node.create_subscription(
-                kind, signal.topic, topic, qos, raw=True, qos_overriding_options=options
-            )
+            options: dict[str, Any] = {"qos_overriding_options": QoSOverridingOptions(OVERRIDABLE)}
+            options["event_callbacks"] = self._make_event_callbacks(key[0])
+            topic.subscription = self._node.create_subscription(kind, signal.topic, topic, qos, raw=True, **options)
             topic.losses.set_depth(topic.subscription.qos_profile.depth)
         read = slowly = _make_slow_reader(signal, kind)
         with suppress(CdrUnsupportedError):
@@ -151,6 +165,21 @@ class InputSubscriptions:
         on_unreadable = self._node.guard.wrap(on_unreadable, on_failure)
         self._topics[key].readers.append((read, slowly, signal.delay_ns, deliver, on_unreadable, on_failure))
         return is_stamped(kind)
+
+    def _make_event_callbacks(self, topic: str) -> SubscriptionEventCallbacks:
+        """Return callbacks of those events that were asked for: each costs a SingleThreadedExecutor some time."""
+
+        def is_set(policy: str) -> bool:
+            return bool(self._node.get_parameter_or(f"qos_overrides.{topic}.subscription.{policy}").value)
+
+        def on_liveliness(change: Any) -> None:
+            if change.alive_count == 0 and change.alive_count_change < 0:
+                self._on_silence(topic)
+
+        return SubscriptionEventCallbacks(
+            deadline=self._node.guard.wrap(lambda _: self._on_silence(topic)) if is_set("deadline") else None,
+            liveliness=self._node.guard.wrap(on_liveliness) if is_set("liveliness_lease_duration") else None,
+        )
 
     def take_all(self, topic: _Topic, first: Taken) -> None:
         """Read a message and all that wait on any topic, in the order in which they were sent."""
@@ -168,7 +197,8 @@ class InputSubscriptions:
             taken = [
                 (waiting_topic, message)
                 for waiting_topic in self._topics.values()
-                for message in waiting_topic.take_waiting(self._depth)
+                if waiting_topic.subscription is not None
+                for message in take_waiting(waiting_topic.subscription, self._depth)
             ]
             if not taken:
                 return
@@ -189,7 +219,7 @@ class _Topic:
     It is the callback of the subscription, called with message and information.
     """
 
-    __signature__ = _MESSAGE_AND_INFO  # rclpy counts the parameters
+    __signature__ = MESSAGE_AND_INFO  # rclpy counts the parameters
 
     def __init__(self, inputs: InputSubscriptions, guard: Guard, depth: int) -> None:
         self._inputs, self._clock, self._guard = inputs, inputs.clock, guard
@@ -207,8 +237,7 @@ class _Topic:
 
     def __call__(self, raw: Any, info: Any = None) -> None:
         """Read a message; `info` has the time of sending, and its number where the middleware has one."""
-        if info is None:  # EventsExecutors up to 7.1.11 pass one tuple
-            raw, info = raw
+        raw, info = split_message(raw, info)
         clock = self._clock
         now_ns = clock.now()
         if self._numbered:
@@ -229,19 +258,6 @@ class _Topic:
             except Exception as error:
                 self._guard.catch(error, on_failure)
 
-    def take_waiting(self, max_count: int) -> Iterator[Taken]:
-        """Take the messages that wait in the queue, at most `max_count`."""
-        subscription = self.subscription
-        if subscription is None:
-            return
-        handle = subscription.handle
-        with handle:
-            for _ in range(max_count):
-                taken = handle.take_message(subscription.msg_type, True)
-                if taken is None:
-                    return
-                yield taken
-
     def arrived_ns(self, taken: Taken) -> int:
         """Return the arrival of a message by the computer's clock [ns], never before that of the one before."""
         stamp_ns = self.arrivals.stamp(taken[1]["source_timestamp"], time_ns())
@@ -254,7 +270,7 @@ class _DrainedTopic(_Topic):
 
     def __call__(self, raw: Any, info: Any = None) -> None:
         """Read this message and all that wait on any topic."""
-        self._inputs.take_all(self, raw if info is None else (raw, info))
+        self._inputs.take_all(self, split_message(raw, info))
 
 
 def _make_slow_reader(signal: Signal, kind: Any) -> Read:

@@ -6,14 +6,12 @@ with the parameter `autostart` the node configures and activates itself.
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 from contextlib import ExitStack
 from math import inf
 from time import monotonic
-from typing import Any
+from typing import Any, ClassVar
 
-from lifecycle_msgs.msg import State
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
 
@@ -22,6 +20,7 @@ from ces_observer.health.diagnostics import ACTIVE, INACTIVE, UNCONFIGURED
 from ces_observer.limits import NodeLimits
 from ces_observer.nodes.executors import START_ERRORS
 from ces_observer.nodes.parameters import TableNode
+from ces_observer.nodes.rclpy_gaps import freeze_objects, wrap_lifecycle_services
 
 
 class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
@@ -31,6 +30,8 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
     Any other exception is an error in the life cycle: the guard reports it, and the node lets go of everything.
     """
 
+    IS_MANAGED: ClassVar[bool] = True
+
     def __init__(self, name: str) -> None:
         TableNode.__init__(self, name)
         self.is_active = False
@@ -38,13 +39,9 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         self._mistake: Exception | None = None
         self._fell = self._is_starting = False
         self._next_start_s = inf
-        own = set(self.services)
         # A request that cannot be read would block for good a group that runs one callback at a time.
         LifecycleNodeMixin.__init__(self, callback_group=ReentrantCallbackGroup())
-        for service in set(self.services) - own:
-            answer = self._refuse_impossible(service.callback)
-            lists = service.srv_name.endswith("/get_available_states")
-            service.callback = self.guard.wrap(self._list_states if lists else answer)
+        wrap_lifecycle_services(self, self.guard.wrap)
 
     def configure(self) -> None:
         """Read the parameters, and make what the node needs; may raise START_ERRORS."""
@@ -65,6 +62,11 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
     def state(self) -> str:
         """State of its life cycle, such as `active`."""
         return str(self._state_machine.current_state[1])
+
+    @property
+    def is_configured(self) -> bool:
+        """Whether it has read its parameters, and uses them."""
+        return self.state in (INACTIVE, ACTIVE)
 
     @property
     def starts_itself(self) -> bool:
@@ -117,7 +119,7 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         except Exception as error:
             self.guard.take(error)
             return TransitionCallbackReturn.ERROR
-        _freeze_objects()
+        freeze_objects()
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: Any) -> Any:
@@ -159,32 +161,5 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         except Exception as error:
             self.guard.take(error)
             return TransitionCallbackReturn.ERROR
-        _freeze_objects()
+        freeze_objects()
         return TransitionCallbackReturn.SUCCESS
-
-    def _list_states(self, request: Any, response: Any) -> Any:
-        """Answer from the transitions: rclpy 7.1.1 reads beyond the end of its own list of states, and may crash."""
-        ends = [end for _, _, *two in self._state_machine.transition_graph for end in (tuple(two[:2]), tuple(two[2:]))]
-        states = sorted({(State.PRIMARY_STATE_UNKNOWN, "unknown"), *ends})
-        response.available_states = [State(id=number, label=label) for number, label in states]
-        return response
-
-    def _refuse_impossible(self, answer: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the service's callback with a plain answer to transitions that the state does not have."""
-
-        def answered(request: Any, response: Any) -> Any:
-            try:
-                return answer(request, response)
-            except RuntimeError:  # by rcl
-                wanted = request.transition.label or f"number {request.transition.id}"
-                self.get_logger().error(f"transition {wanted} is not one of those from state '{self.state}'")
-                return response
-
-        return answered
-
-
-def _freeze_objects() -> None:
-    """Exempt the objects of now from the collection of garbage, which then takes well under a millisecond."""
-    gc.unfreeze()
-    gc.collect()
-    gc.freeze()

@@ -17,16 +17,16 @@ from time import monotonic
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from ces_observer.errors import CesError, ModelError
 from ces_observer.limits import HealthLimits
 from ces_observer.model import Model, load_model
-from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.model_check import ModelReload, Verdict, model_facts
 from ces_observer.nodes.outputs import LATCHED
-from ces_observer.nodes.parameters import model_path, value_of
+from ces_observer.nodes.parameters import TableNode, model_path, value_of
 
 WAITS, CHECKED, ACCEPTED, RUNS = "waits", "is being checked", "accepted", "has taken over"  # states of a request
 REFUSED, OVERTAKEN = "refused", "overtaken"
@@ -61,7 +61,7 @@ class ModelRequest(NamedTuple):
 class ModelChanges:
     """The changes of one user's model: `source` of the running one, `state` of the last, number of those `refused`."""
 
-    def __init__(self, node: GuardedNode, user: ModelUser, path: Path) -> None:
+    def __init__(self, node: TableNode, user: ModelUser, path: Path) -> None:
         self.source = str(path)
         self.state = "none"
         self.refused = 0
@@ -82,10 +82,11 @@ class ModelChanges:
         return ("last change of the model", self.state), ("models refused", str(self.refused))
 
     def begin_from_parameter(self) -> None:
-        """Start a change to the file that the parameter names, if that is another."""
+        """Start a change to the file that the parameter names, if that is another; it is answered as the service is."""
         text = self._read_parameter()
         if text != self._good_path:
-            self._begin_file(text)
+            begun, said = self._answer(text)
+            self._node.answer = SetParametersResult(successful=begun, reason=said)
             return
         waiting, checking = self._waiting, self._checking  # requests by the parameter, which was set back, are void
         if waiting is not None and waiting.text != text:
@@ -198,12 +199,16 @@ class ModelChanges:
 
     def _on_service(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Read the file in the parameter again; answer whether it is valid, and so will be checked."""
-        begun = self._begin_file(self._read_parameter())
-        response.success = isinstance(begun, ModelRequest)
-        if isinstance(begun, ModelRequest):
-            begun = f"request {begun.number}: {self.state}; the outcome comes on {self._status.topic_name}"
-        response.message = _clean(begun)
+        response.success, response.message = self._answer(self._read_parameter())
         return response
+
+    def _answer(self, text: str) -> tuple[bool, str]:
+        """Let the file in the parameter be checked; return whether that has begun, and what is to be said."""
+        begun = self._begin_file(text)
+        if isinstance(begun, str):
+            return False, _clean(begun)
+        said = f"request {begun.number}: {self.state}; the outcome comes on {self._status.topic_name}"
+        return True, _clean(said)
 
     def _report(self, request: ModelRequest, state: str, detail: str = "") -> None:
         """Keep the state of a request for diagnostics, and latch it."""

@@ -32,6 +32,7 @@ from ces_observer.nodes.parameters import (
     declare_observer,
     governing_parameter,
     read_dampers,
+    value_of,
 )
 from ces_observer.nodes.snapshot import Snapshots
 
@@ -59,10 +60,11 @@ class Observer(ManagedNode):
 
     def configure(self) -> None:
         """Load and prove the models, and make the topics of each damper."""
-        settings, values = read_dampers(self, self._keys), self._values
+        settings, values = read_dampers(self, self._keys), {name: value_of(self, name) for name in self._values}
         self.made.callback(self._dampers.clear)
+        drain = executors.is_single(self.executor_choice)
         self._inputs = InputSubscriptions(
-            self, self._time, depth=values["input_depth"], drain=executors.is_single(self.executor_choice)
+            self, self._time, depth=values["input_depth"], drain=drain, on_silence=self._on_silence
         )
         self.made.callback(self._inputs.close)
         self._snapshots = Snapshots(self, values["snapshot_service"], values["snapshot_after_s"])
@@ -89,7 +91,7 @@ class Observer(ManagedNode):
         changes = ModelChanges(self, user, settings.model_path)
         self.made.callback(changes.close)
         topics.use_model(changes.source)
-        self.get_logger().info(f"{settings.name}: {describe_model(settings.model)}")
+        self.get_logger().info(f"{settings.label}: {describe_model(settings.model)}")
         return topics, changes
 
     def _watch(self) -> None:
@@ -108,13 +110,12 @@ class Observer(ManagedNode):
             self.guard.call(partial(self._roll, elapsed))
             self._publish_status(details=True)
             self._jump_log.flush()
-            executors.collect_garbage()
         elif self._pending:
             self._publish_status()
 
     def _watch_failures(self) -> None:
         """Leave the active state if a damper does nothing but fail, and come back later."""
-        failing = [topics.settings.name for topics, _ in self._dampers if topics.failing_s >= NodeLimits.FALL_S]
+        failing = [topics.settings.label for topics, _ in self._dampers if topics.failing_s >= NodeLimits.FALL_S]
         if failing:
             self.guard.call(
                 partial(self.fall, f"{', '.join(failing)}: each sample has failed for {NodeLimits.FALL_S:g} s")
@@ -149,8 +150,11 @@ class Observer(ManagedNode):
     def _make_report(self, topics: DamperTopics, changes: ModelChanges, remark: str) -> DamperReport:
         values = (*changes.values(), *self._process.values(), *self.guard.values())
         facts = NodeFacts(self.state, (self._process.remark(), remark), values)
-        damper = topics.settings.key or topics.settings.name
-        return DamperReport(damper, topics.settings.name, topics.health.report(topics.detail(), facts))
+        return DamperReport(topics.settings.label, topics.settings.name, topics.health.report(topics.detail(), facts))
+
+    def _on_silence(self, topic: str) -> None:
+        for topics, _ in self._dampers:
+            topics.note_silence(topic)
 
     def _on_first_force(self, topics: DamperTopics) -> None:
         """Start the comparison with the measured force; a drift asks for a snapshot."""

@@ -76,13 +76,15 @@ def signal_options(signal: str, defaults: Mapping[str, Any]) -> tuple[Option, ..
 # fmt: off
 EXECUTOR = Option(
     "executor", "auto",
-    "what runs the callbacks: 'events' is rclpy's EventsExecutor, 'single' its SingleThreadedExecutor, 'auto' "
-    "events if this rclpy has it", choices=("auto", "events", "single"))
+    "what runs the callbacks: 'single' is rclpy's SingleThreadedExecutor, 'events' its experimental EventsExecutor "
+    "with 40 % of that load, 'auto' events if there is one", choices=("auto", "events", "single"))
 AUTOSTART = Option(
     "autostart", True, "configure and activate at the start; false: a lifecycle manager or `ros2 lifecycle` does")
 ALLOW_UNCERTIFIED = Option("allow_uncertified", False, "run a model whose stability cannot be proved (unsafe)")
 
+IN_USE = "the node is configured; clean it up first"  # why a parameter that is not live cannot be set
 DAMPERS = "dampers"
+OF_THE_PROCESS = (EXECUTOR.name, DAMPERS)  # cannot change while it runs
 DAMPERS_MEANING = (
     "names of the dampers that this node observes, each with parameters NAME.model and so on, and a topic "
     "~/NAME/estimate; not set: one damper without a name")

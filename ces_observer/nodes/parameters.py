@@ -37,13 +37,16 @@ SIGNALS = ("position", "current", "force", *MOTIONS)
 class TableNode(GuardedNode):
     """A guarded node whose parameters are declared from a table; raises CesError for a parameter without a type.
 
-    `MAY_BE_EMPTY` names the lists that may be empty; ROS 2 has no type for an empty list.
+    `MAY_BE_EMPTY` names the lists that may be empty; ROS 2 has no type for an empty list. `answer` is what became of a
+    parameter that is being set, if more is to be said than that it is set.
     """
 
     MAY_BE_EMPTY: ClassVar[frozenset[str]] = frozenset()
+    IS_MANAGED: ClassVar[bool] = False  # parameters that are not live may change while it is not configured
 
     def __init__(self, name: str) -> None:
         self.specs: dict[str, Option] = {}  # by parameter name
+        self.answer: SetParametersResult | None = None
         try:
             super().__init__(name, automatically_declare_parameters_from_overrides=True)
         except ValueError:
@@ -60,13 +63,20 @@ class TableNode(GuardedNode):
         return declared
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Do the same as rclpy, but refuse first, in the words of rclcpp and of the table."""
+        """Do the same as rclpy, but refuse first, in the words of rclcpp and of the table; return `answer` if any."""
         try:
             for parameter in parameter_list:
                 self._require_settable(parameter)
         except CesError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        return super().set_parameters_atomically(parameter_list)
+        self.answer = None
+        result = super().set_parameters_atomically(parameter_list)
+        return (self.answer or result) if result.successful else result
+
+    @property
+    def is_configured(self) -> bool:
+        """Whether parameters that are not live are in use."""
+        return True
 
     def _require_settable(self, parameter: Parameter) -> None:
         if not self.has_parameter(parameter.name):
@@ -74,8 +84,10 @@ class TableNode(GuardedNode):
         descriptor = self.describe_parameter(parameter.name)
         if descriptor.read_only:
             raise CesError(f"parameter '{parameter.name}' cannot be set because it is read-only")
-        if parameter.name in self.specs:
-            check_given(self.specs[parameter.name], parameter)
+        if spec := self.specs.get(parameter.name):
+            if self.is_configured and not spec.live:
+                raise CesError(f"parameter '{parameter.name}' cannot be set because {tables.IN_USE}")
+            check_given(spec, parameter)
         else:
             tables.require_type(parameter.name, Parameter.Type(descriptor.type).name, parameter.type_.name)
 
@@ -131,7 +143,7 @@ def declare(node: TableNode, spec: Option) -> Any:
 
 def descriptor_of(spec: Option) -> ParameterDescriptor:
     """Return the ROS descriptor of `spec`."""
-    descriptor = ParameterDescriptor(description=spec.described, read_only=not spec.live)
+    descriptor = ParameterDescriptor(description=spec.described)
     is_limited = isfinite(spec.high)
     if is_limited or spec.choices:
         descriptor.additional_constraints = spec.expected
@@ -149,6 +161,7 @@ def declare_anew(node: TableNode, name: str, spec: Option, note: str = "") -> An
     """
     descriptor, is_null = descriptor_of(spec), False
     descriptor.description += note
+    descriptor.read_only = not spec.live and (spec.name in tables.OF_THE_PROCESS or not node.IS_MANAGED)
     # rclpy cannot return several parameters if one of a fixed type is not set.
     descriptor.dynamic_typing = spec.default is None
     if node.has_parameter(name):
@@ -197,6 +210,11 @@ class DamperSettings:
     model_path: Path
     signals: Signals
     values: dict[str, Any]  # by the names in OF_A_DAMPER, as they were when it was configured
+
+    @property
+    def label(self) -> str:
+        """Its name in logs and diagnostics."""
+        return self.key or self.name
 
     @property
     def prefix(self) -> str:

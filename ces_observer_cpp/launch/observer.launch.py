@@ -13,6 +13,7 @@ from launch_ros.actions import ComposableNodeContainer, LoadComposableNodes, Nod
 from launch_ros.descriptions import ComposableNode
 from launch_ros.parameter_descriptions import ParameterValue
 
+ESTIMATES = ("", "_band", "_delayed", "_delayed_band")
 PACKAGE = "ces_observer_cpp"
 PARAMETERS = {
     "model": ("model", str, "absolute path of the flat model file (model.ces)"),
@@ -24,7 +25,7 @@ PARAMETERS = {
 }
 OTHERS = {
     "params_file": (str(get_package_share_path(PACKAGE) / "config" / "observer.yaml"), "parameter file"),
-    "estimate_topic": ("", "topic of the estimates, instead of ~/estimate"),
+    "estimate_topic": ("", "topic of the estimates, with _band and _delayed after it, instead of ~/estimate"),
     "namespace": ("", "namespace of node and topics"),
     "container": ("", "container to load it into; empty: none"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
@@ -44,7 +45,7 @@ def observer(context: LaunchContext) -> list[Node | LoadComposableNodes]:
     namespace, container, topic = settings["namespace"], settings["container"], settings["estimate_topic"]
     common = {"package": PACKAGE, "name": "observer", "namespace": namespace}
     common |= {"parameters": [settings["params_file"], *([own] if own else [])]}
-    common |= {"remappings": [("~/estimate", topic)] if topic else []}
+    common |= {"remappings": [(f"~/estimate{end}", topic + end) for end in ESTIMATES if topic]}
     logging = ["--log-level", settings["log_level"]]
     if not container:
         return [Node(executable="observer", output="screen", ros_arguments=logging, **common)]

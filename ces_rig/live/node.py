@@ -29,7 +29,7 @@ from std_msgs.msg import Float64
 
 from ces_data.compilation import CompilationNotice
 from ces_observer.health.diagnostics import LEVEL_OK, Report, Status
-from ces_observer.nodes.executors import collect_garbage, run
+from ces_observer.nodes.executors import run
 from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_remark
 from ces_observer.nodes.parameters import TableNode, declare_table
 from ces_rig import drive as qv
@@ -216,7 +216,6 @@ class Rig(TableNode):
 
     def _watch(self) -> None:
         """Check clocks and report problems, once a second."""
-        collect_garbage()
         for check in (self._look_for_commander, self._follow_clock, self._warn_of_lag, self._warn_of_events):
             self.guard.call(check)
         self._publish_status()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 99)  # away from whatever else runs on this computer
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "support"))
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a job of a shell (&) and what it starts would ignore it
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 NUMBERS = count()
@@ -43,7 +41,7 @@ def new_namespace() -> str:
 def _skip_without_executor(request: pytest.FixtureRequest) -> None:
     """Skip a test of the executor of events where this rclpy has none."""
     if getattr(request.node, "callspec", None) and request.node.callspec.params.get("executor") == "events":
-        from ces_observer.nodes.executors import EventsExecutor
+        from ces_observer.nodes.rclpy_gaps import EventsExecutor
 
         if EventsExecutor is None:
             pytest.skip("this rclpy has no EventsExecutor")

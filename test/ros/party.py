@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
-from ces_observer.nodes.executors import EventsExecutor
+from ces_observer.nodes.rclpy_gaps import EventsExecutor
 
 
 class Party:

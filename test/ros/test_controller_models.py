@@ -55,7 +55,7 @@ class Loop(Party):
             yield
 
     def set_model(self, path: Path) -> str:
-        """Set the parameter; return why it is refused, empty if it is not."""
+        """Set the parameter; return why it is refused, or what happens."""
         return str(self.set_parameters("controller", {"model": str(path)}).reason)
 
     def get_model(self) -> object:
@@ -103,7 +103,7 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop]:
 def test_by_parameter_and_by_service_which_reads_the_file_again(loop: Loop, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     damper_with_past(0.91).save(path)
-    assert loop.set_model(path) == ""
+    assert f"{path}: is being checked; the outcome comes on " in loop.set_model(path)
     loop.commands_for(0.91)
     loop.hears("last change of the model", f"{path}: has taken over")
     damper_with_past(0.9).save(path)
@@ -126,7 +126,7 @@ def test_what_cannot_be_used_is_refused_with_the_reason(loop: Loop, tmp_path: Pa
         (unstable, "not proved to be a contraction"),
         (late, "forces come 0.003 s late; a controller needs a model with --delay 0"),
     ):
-        assert loop.set_model(path) == ""  # for all that can be seen at once
+        assert "the outcome comes on " in loop.set_model(path)  # for all that can be seen at once
         loop.hears("last change of the model", reason)
         wait(lambda: loop.get_model() == before, "the parameter goes back")
     assert loop.commands[-1] == pytest.approx(command, abs=1e-3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import time
@@ -13,12 +14,17 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from bag_recorders import NEEDS_ROSBAG2, Recorder
+from cpp_core import save_flat
 from cpp_package import CppPackage, missing_tool
+from damper_models import plain_damper
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from node_process import NodeProcess
+from node_process import NodeProcess, ros_args
 from patience import PATIENCE_S
+from rclpy.client import Client
+from rclpy.task import Future
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from vehicle import Vehicle, wait
 
@@ -38,6 +44,31 @@ int rcl_clock_get_now(int * clock, long * now)
   return ((int (*)(int *, long *))dlsym(RTLD_NEXT, "rcl_clock_get_now"))(clock, now);
 }
 """  # while the file FAILS is there, rclcpp cannot read ROS time (clock 1), and each sample fails
+
+
+DEAF = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <string.h>
+extern const char * rcl_subscription_get_topic_name(void * subscription);
+int rcl_subscription_set_on_new_message_callback(void * subscription, void * callback, void * data)
+{
+  static int count;
+  if (callback && strstr(rcl_subscription_get_topic_name(subscription), "/joint_states") && count++ < 2) {return 0;}
+  return ((int (*)(void *, void *, void *))dlsym(RTLD_NEXT, "rcl_subscription_set_on_new_message_callback"))(
+    subscription, callback, data);
+}
+"""  # rclcpp sets it twice: the executor is not woken for the first subscription to the position
+LONG_S = 10.0  # for which a model bridges lost samples
+ROUNDS = int(os.environ.get("CES_ROUNDS", "5"))  # of cleanup and configure
+
+
+def compile_preload(source: str, where: Path, *words: str) -> dict[str, str]:
+    """Compile a library that replaces functions of the C++ observer; return the variable that preloads it."""
+    library = where / "preload.so"
+    command = ["cc", "-shared", "-fPIC", *words, "-x", "c", "-", "-o", str(library), "-ldl"]
+    subprocess.run(command, input=source, text=True, check=True)
+    return {"LD_PRELOAD": str(library)}
 
 
 @pytest.fixture
@@ -66,6 +97,7 @@ def change(vehicle: Vehicle, transition: str) -> bool:
 
 def test_a_lifecycle_manager_drives_it(vehicle: Vehicle, start_cpp: Callable[..., NodeProcess]) -> None:
     start_cpp(autostart=False)
+    assert vehicle.sets("name", "front").successful
     for _ in range(2):
         vehicle.hears(UNCONFIGURED, DiagnosticStatus.WARN, len(vehicle.statuses))
         wait(lambda: vehicle.node.count_publishers("observer/estimate") == 0, "no topics")
@@ -74,12 +106,13 @@ def test_a_lifecycle_manager_drives_it(vehicle: Vehicle, start_cpp: Callable[...
         told, heard = len(vehicle.statuses), len(vehicle.estimates)
         with vehicle.driving():
             vehicle.hears("inactive: activate the node to publish", DiagnosticStatus.WARN, told)
-            wait(lambda since=told: newest(vehicle, "forces estimated", since) > 500, "it is warm")
+            wait(lambda since=told: int(newest(vehicle, "forces estimated", since) or 0) > 500, "it is warm")
             assert len(vehicle.estimates) == heard
             began = time.time_ns()
             assert change(vehicle, "activate")
             wait(lambda since=heard: len(vehicle.estimates) > since, "estimates of the active node")
             assert vehicle.stamps()[heard] - began < 10**9
+            assert list(vehicle.estimates[heard].name) == ["front"]
             assert change(vehicle, "deactivate")
             time.sleep(0.2)
             heard = len(vehicle.estimates)
@@ -89,19 +122,72 @@ def test_a_lifecycle_manager_drives_it(vehicle: Vehicle, start_cpp: Callable[...
     assert not change(vehicle, "activate")
 
 
-def newest(vehicle: Vehicle, key: str, since: int) -> int:
-    """Return the newest value of a key in the statuses after the first `since`, 0 if there is none."""
-    values = (v.value for s in reversed(list(vehicle.statuses)[since:]) for v in s.values if v.key == key)
-    return int(next(values, "0"))
+def test_it_hears_again_after_each_cleanup(
+    vehicle: Vehicle, namespace: str, package: CppPackage, flat_path: Path
+) -> None:
+    """Its executor must not take new subscriptions for old ones that had the same address."""
+    given = {"model": flat_path, "autostart": False, "executor": "events"}
+    words = [str(package.program), *ros_args(namespace, given), "-r", "__node:=observer", "--log-level", "error"]
+    node = NodeProcess(words, package.environment)  # nobody reads its log, so that it must be short
+    client = vehicle.node.create_client(ChangeState, "observer/change_state")
+    try:
+        assert client.wait_for_service(PATIENCE_S)
+        with vehicle.driving():
+            for number in range(ROUNDS):
+                for transition in ("configure", "activate"):
+                    wait(ask(client, transition).done, f"{transition} of round {number}")
+                heard = len(vehicle.estimates)
+                wait(lambda since=heard: len(vehicle.estimates) > since, f"estimates in round {number}")
+                for transition in ("deactivate", "cleanup"):
+                    wait(ask(client, transition).done, f"{transition} of round {number}")
+        told = len(vehicle.statuses)
+        wait(lambda: newest(vehicle, "unexpected errors", told) == "0, the last: none", "no error")
+    finally:
+        node.kill()
+
+
+def ask(client: Client, transition: str) -> Future:
+    """Return the answer to come to a request for a transition."""
+    return client.call_async(ChangeState.Request(transition=Transition(label=transition)))
+
+
+def test_an_input_that_its_executor_does_not_read_is_subscribed_to_anew(
+    vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path
+) -> None:
+    start_cpp(compile_preload(DEAF, tmp_path), executor="events")
+    with vehicle.driving():
+        wait(lambda: bool(vehicle.estimates), "estimates")
+    last = f"{vehicle.namespace}/joint_states: the executor does not read the messages that wait; subscribed anew"
+    vehicle.hears_value("unexpected errors", f"1, the last: {last}")
+
+
+def test_two_publishers_of_one_number_are_named(vehicle: Vehicle, package: CppPackage, flat_path: Path) -> None:
+    node = package.start(vehicle.namespace, "observer", {"model": flat_path})
+    try:
+        vehicle.meets_node()
+        vehicle.node.create_publisher(Float64, "valve_current", 1)
+        vehicle.hears("valve_current has 2 publishers, whose samples mix; expected one", None)
+    finally:
+        node.kill()
+
+
+def test_a_missed_deadline_is_silence(vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path) -> None:
+    model = save_flat(plain_damper(max_gap_s=LONG_S), tmp_path / "patient.ces")
+    with vehicle.deadline(0.05) as overrides:
+        start_cpp(model=model, **overrides)
+        vehicle.goes_silent_within(LONG_S)
+
+
+def newest(vehicle: Vehicle, key: str, since: int) -> str:
+    """Return the newest value of a key in the statuses after the first `since`, empty if there is none."""
+    return next((v.value for s in reversed(list(vehicle.statuses)[since:]) for v in s.values if v.key == key), "")
 
 
 def test_if_each_sample_fails_it_starts_anew(
     vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path
 ) -> None:
-    library, fails = tmp_path / "failing.so", tmp_path / "fails"
-    words = ["cc", "-shared", "-fPIC", f'-DFAILS="{fails}"', "-x", "c", "-", "-o", str(library), "-ldl"]
-    subprocess.run(words, input=FAILING_CLOCK, text=True, check=True)
-    node = start_cpp({"LD_PRELOAD": str(library)})
+    fails = tmp_path / "fails"
+    node = start_cpp(compile_preload(FAILING_CLOCK, tmp_path, f'-DFAILS="{fails}"'))
     vehicle.meets_node()
     vehicle.drive_until(lambda: len(vehicle.estimates) > 100, "estimates")
     fails.touch()

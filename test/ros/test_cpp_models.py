@@ -69,7 +69,8 @@ def test_a_delay_brings_its_topics_and_its_estimates_come_there_alone(
         with vehicle.driving(contiguous=True):
             wait(lambda: bool(vehicle.estimates), "the first estimate")
             model = delayed_damper(0.003, max_gap_s=MAX_GAP_S)
-            assert vehicle.sets("model", str(save_flat(model, tmp_path / "delayed.ces"))).successful
+            answer = vehicle.sets("model", str(save_flat(model, tmp_path / "delayed.ces")))
+            assert answer.successful and "delayed.ces: accepted; takes over when warmed up" in answer.reason
             wait(lambda: len(late) > 100, "delayed estimates")
             assert vehicle.sets("model", str(plain)).successful
             wait(lambda: vehicle.node.count_publishers("observer/estimate_delayed") == 0, "the topic goes")

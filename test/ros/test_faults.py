@@ -43,6 +43,7 @@ NAMES = (
     "publisher killed, another started",
 )
 MIN_S, LONGER_S = 0.4, 0.2
+PATIENT_S = 2.0  # for recoveries and pauses: a busy computer holds processes up
 TRIES = 5
 
 
@@ -60,8 +61,9 @@ def shorten(fault: Fault) -> Fault:
 
 def play_undisturbed(stage: Stage, fault: Fault, dice: Random) -> FaultOutcome:
     """Play one episode, and again if it went wrong: its limits are times, and a busy computer holds processes up."""
+    limits = replace(make_limits(MODEL), recovery_s=PATIENT_S, longest_pause_s=PATIENT_S)
     for _ in range(TRIES):
-        [outcome] = play(stage, [fault], make_limits(MODEL), dice)
+        [outcome] = play(stage, [fault], limits, dice)
         if not outcome.wrong:
             break
     return outcome

@@ -28,6 +28,8 @@ from patience import PATIENCE_S
 from std_msgs.msg import Float64
 from vehicle import Vehicle, wait
 
+from ces_observer.nodes.parameter_table import IN_USE
+
 Start = Callable[..., NodeProcess]
 SAFE_A = 0.4
 FALLING = """
@@ -104,9 +106,12 @@ def test_an_observer_is_driven_by_hand(vehicle: Vehicle, start: Start, tmp_path:
     assert len(vehicle.estimates) == count
     assert manager.change("cleanup")
     wait(lambda: not vehicle.node.count_publishers("observer/estimate"), "the topic is gone")
+    assert vehicle.sets("force.topic", "moved").successful
     assert manager.change("configure")
     assert manager.change("activate")
     vehicle.drive_until(lambda: len(vehicle.estimates) > count + 100, "estimates again")
+    assert vehicle.node.count_subscribers("moved") == 1
+    assert IN_USE in vehicle.sets("force.topic", "measured_force").reason
     assert manager.change("shutdown")
     assert manager.state() == "finalized"
     node.interrupt()

@@ -82,6 +82,7 @@ def arguments(file: Path, model: Path, parameters: dict[str, object]) -> dict[st
 def test_both_nodes_start_with_their_topics_and_do_not_mix(launched: Launched) -> None:
     launched.replayed.meets_node()
     launched.driven.meets_node("damper/force")
+    launched.driven.meets_node("damper/force_band")
     launched.driven.drive_until(lambda: len(launched.forces) > 100, "estimates")
     assert {name for message in launched.forces for name in message.name} == {"driven"}
     assert not launched.replayed.estimates

@@ -58,7 +58,8 @@ def runs(vehicle: Vehicle, model: Model) -> None:
 def test_by_parameter(driven: Vehicle, tmp_path: Path) -> None:
     path, model = tmp_path / "softer.json", damper(0.8)
     model.save(path)
-    assert driven.sets("model", str(path)).successful
+    answer = driven.sets("model", str(path))
+    assert answer.successful and f"{path}: is being checked; the outcome comes on " in answer.reason
     runs(driven, model)
     assert driven.gets("model") == str(path)
     driven.hears_value(CHANGE, f"{path}: has taken over")

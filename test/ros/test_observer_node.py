@@ -6,18 +6,23 @@ import signal
 import time
 from collections.abc import Callable
 from math import inf, isfinite, nan
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
+from damper_models import plain_damper
 from node_process import NodeProcess
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from vehicle import DEEP, JOINT, Vehicle, stamp_of, stroke, wait
 
+from ces_observer.nodes.parameter_table import IN_USE
+
 WARM_UP_S = 0.1  # of the test model
 RECOVERY_S = 0.2
+LONG_S = 10.0  # for which a model bridges lost samples
 OFFSET_S = -30.0
 Start = Callable[..., NodeProcess]
 
@@ -108,10 +113,24 @@ def test_the_age_limit_can_be_lifted_while_running(live: Vehicle) -> None:
     assert live.sets("max_age_s", 0.5).successful
 
 
-def test_what_cannot_change_live_is_read_only(live: Vehicle) -> None:
-    for name, value in (("position.topic", "elsewhere"), ("executor", "single"), ("allow_uncertified", True)):
-        assert "read-only" in live.sets(name, value).reason
+def test_what_cannot_change_live_is_refused(live: Vehicle) -> None:
+    for name, value in (("position.topic", "elsewhere"), ("allow_uncertified", True)):
+        assert live.sets(name, value).reason == f"parameter '{name}' cannot be set because {IN_USE}"
+    assert "read-only" in live.sets("executor", "single").reason
     assert live.gets("executor") == "auto"
+
+
+def test_two_publishers_of_one_number_are_named(live: Vehicle) -> None:
+    told, second = len(live.statuses), live.node.create_publisher(Float64, "valve_current", 1)
+    live.hears("valve_current has 2 publishers, whose samples mix; expected one", None, told)
+    live.node.destroy_publisher(second)
+
+
+def test_a_missed_deadline_is_silence(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:
+    plain_damper(max_gap_s=LONG_S).save(tmp_path / "patient.json")
+    with vehicle.deadline(0.05) as overrides:
+        start(model=tmp_path / "patient.json", **overrides)
+        vehicle.goes_silent_within(LONG_S)
 
 
 def test_a_topic_of_another_type_is_told(vehicle: Vehicle, start: Start) -> None:

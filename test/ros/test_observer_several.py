@@ -20,6 +20,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from vehicle import Vehicle, stamp_of, wait
 
+from ces_observer.nodes.parameter_table import IN_USE
+
 Start = Callable[..., NodeProcess]
 
 
@@ -113,7 +115,7 @@ def test_a_parameter_of_all_holds_unless_a_damper_has_its_own(motorcycle: Motorc
     vehicle = motorcycle.vehicle
     assert (vehicle.gets("front.max_age_s"), vehicle.gets("rear.max_age_s")) == (None, 50.0)
     assert not vehicle.sets("front.max_age_s", -1.0).successful
-    assert "read-only" in vehicle.sets("front.position.topic", "elsewhere").reason
+    assert IN_USE in vehicle.sets("front.position.topic", "elsewhere").reason
     assert vehicle.sets("max_age_s", 1e-9).successful
     try:
         with motorcycle.driving():

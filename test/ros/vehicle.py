@@ -15,6 +15,7 @@ from geometry_msgs.msg import WrenchStamped
 from party import Party
 from patience import PATIENCE_S, wait_until
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
@@ -81,6 +82,24 @@ class Vehicle(Party):
         finally:
             ends.set()
             thread.join()
+
+    @contextmanager
+    def deadline(self, deadline_s: float) -> Iterator[dict[str, object]]:
+        """Publish positions with a deadline; yield the parameters of an observer that asks for it."""
+        before = self.position
+        qos = QoSProfile(depth=DEPTH, deadline=Duration(seconds=deadline_s))
+        self.position = self.node.create_publisher(JointState, "joint_states", qos)
+        yield {f"qos_overrides.{self.namespace}/joint_states.subscription.deadline": round(deadline_s * 1e9)}
+        self.node.destroy_publisher(self.position)
+        self.position = before
+
+    def goes_silent_within(self, most_s: float) -> None:
+        """Drive until there are estimates, and stop; the node must say that positions are missing in time."""
+        self.meets_node()
+        self.drive_until(lambda: len(self.estimates) > 100, "estimates")
+        told, stopped = len(self.statuses), time.monotonic()
+        self.hears("no position samples arrive", since=told)
+        assert time.monotonic() - stopped < most_s
 
     def drive_until(self, condition: Callable[[], bool], what: str, **options: Any) -> None:
         """Drive until `condition` holds: samples that a busy computer holds up for too long are withheld."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from math import inf, nan
 
+from ces_observer.nodes.parameter_table import IN_USE
+
 
 def wrong_type(name: str, wanted: str, given: str) -> str:
     """Return what rclcpp says."""
@@ -56,9 +58,15 @@ CASES: tuple[tuple[str, str, object, str], ...] = (
         "x" * 10_001,
         "parameter 'max_age_s' has 10001 characters or elements; expected at most 10000",
     ),
-    ("input_depth", "integer", 10, cannot("input_depth", "is read-only")),
-    ("input_depth", "string", "many", cannot("input_depth", "is read-only")),
-    ("position.scale", "double", 2.0, cannot("position.scale", "is read-only")),
+    ("executor", "string", "single", cannot("executor", "is read-only")),
+    *(
+        (name, kind, value, f"parameter '{name}' cannot be set because {IN_USE}")
+        for name, kind, value in (
+            ("input_depth", "integer", 10),
+            ("input_depth", "string", "many"),
+            ("position.scale", "double", 2.0),
+        )
+    ),
     ("no_such", "double", 1.0, cannot("no_such", "was not declared")),
     ("no_such", "not set", None, cannot("no_such", "was not declared")),
     ("", "double", 1.0, cannot("", "was not declared")),

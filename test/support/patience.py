@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
-PATIENCE_S = 600.0  # only what hangs takes longer, however busy the computer is
+PATIENCE_S = 120.0  # only what hangs takes longer, however busy the computer is
 POLL_S = 0.01
 
 

@@ -56,6 +56,11 @@ public:
     if (load_ == nullptr) {throw UserError(where_ + " is not a number; expected the path to a number");}
   }
 
+  // Whether it reads the element of a joint by its name.
+  bool is_named() const {
+    return std::any_of(steps_.begin(), steps_.end(), [](const Step & step) {return !step.joint.empty();});
+  }
+
   // The value [SI] in a message; nothing with `error` set if it lacks the joint or element. It allocates in that
   // case only.
   std::optional<double> read(const void * message, std::string & error) const {

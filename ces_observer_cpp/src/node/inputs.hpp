@@ -107,25 +107,47 @@ public:
   using Deliver = std::function<void(Nanoseconds, double, const std::string &, Nanoseconds)>;
 
   // Queues hold `depth` messages. `on_failure` is called with unexpected errors; no message throws out of a callback.
-  Inputs(Node & node, const NodeClock & clock, std::size_t depth, OnText on_failure)
-  : node_(node), clock_(clock), depth_(depth), on_failure_(std::move(on_failure)) {}
+  // `on_silence` is called with a topic that has missed its deadline, or whose last publisher is gone.
+  Inputs(Node & node, const NodeClock & clock, std::size_t depth, OnText on_failure, OnText on_silence)
+  : node_(node), clock_(clock), depth_(depth), on_failure_(std::move(on_failure)), on_silence_(std::move(on_silence)) {}
 
   // Forget the delays of messages, as after a time jump.
   void reset() {
     for (const auto & topic : topics_) {topic->arrivals = ArrivalClock();}
   }
 
-  // A sentence on publishers whose type is not that of their topic's signal, empty without any.
+  // Subscribe anew where messages wait at two calls and none was read in between: an EventsExecutor is not woken for
+  // a subscription at the address of one that it has not yet seen go (ros2/rclcpp issue 2180).
+  void watch() {
+    for (const auto & topic : topics_) {
+      const bool is_quiet = topic->heard == std::exchange(topic->watched, topic->heard);
+      const bool was_unread = topic->is_unread;
+      topic->is_unread = is_quiet && topic->subscription->get_publisher_count() > 0 && has_waiting(topic->subscription);
+      if (!was_unread || !topic->is_unread) {continue;}
+      topic->is_unread = false;
+      create_subscription(topic);
+      on_failure_(topic->name + ": the executor does not read the messages that wait; subscribed anew");
+    }
+  }
+
+  // A sentence on publishers whose type is not that of their topic's signal, or that are too many; empty without any.
+  // Several may publish the same topic where the field names a joint.
   std::string find_mismatch() const {
     std::vector<std::string> found;
     for (const auto & topic : topics_) {
-      if (node_.count_publishers(topic->name) <= topic->subscription->get_publisher_count()) {continue;}
+      const auto count = topic->subscription->get_publisher_count();
+      const bool is_named = std::all_of(
+        topic->readers.begin(), topic->readers.end(), [](const Reader & one) {return one.field.is_named();});
+      if (count > 1 && !is_named) {
+        found.push_back(topic->name + " has " + std::to_string(count) + " publishers, whose samples mix; expected one");
+      }
+      if (node_.count_publishers(topic->name) <= count) {continue;}
       auto types = find_types(node_, topic->name);
-      types.erase(topic->type);
+      types.erase(topic->signal.type);
       if (!types.empty()) {
         found.push_back(
-          topic->name + " also carries " + join(types, ", ") + ", which is not read; " + topic->signal + ".type is " +
-          topic->type);
+          topic->name + " also carries " + join(types, ", ") + ", which is not read; " + topic->signal.name +
+          ".type is " + topic->signal.type);
       }
     }
     return join(found, "; ");
@@ -139,7 +161,7 @@ public:
     const auto topic = find_topic(signal);
     topic->readers.push_back(
       {FieldReader(signal, *topic->members), to_ns(signal.delay_s), std::move(deliver), std::move(on_unreadable)});
-    if (!topic->subscription) {create_subscription(signal, topic);}
+    if (!topic->subscription) {create_subscription(topic);}
     if (arrivals != nullptr) {arrivals->set_topic(topic->header.has_value(), topic->losses);}
     if (!topic->header) {
       RCLCPP_WARN(
@@ -158,7 +180,8 @@ private:
 
   // One topic with the readers of its signals.
   struct Topic {
-    std::string name, type, signal;  // the last: one of those in it
+    std::string name;
+    SignalSettings signal;  // one of those in it
     Losses losses;
     std::shared_ptr<rcpputils::SharedLibrary> introspection = nullptr;
     const MessageMembers * members = nullptr;
@@ -167,10 +190,19 @@ private:
     std::vector<Reader> readers{};
     rclcpp::SubscriptionBase::SharedPtr subscription = nullptr;
     std::string error = "";
+    std::uint64_t heard = 0, watched = 0;  // messages so far, and at the last call of `watch`
+    bool is_unread = false;  // messages waited then
   };
+
+  // Whether the middleware has messages that wait; none is taken.
+  static bool has_waiting(const rclcpp::SubscriptionBase::SharedPtr & subscription) {
+    rclcpp::WaitSet waits({{subscription, rclcpp::SubscriptionWaitSetMask{true, false, false}}});
+    return waits.wait(std::chrono::nanoseconds(0)).kind() == rclcpp::WaitResultKind::Ready;
+  }
 
   // Read a message; the callback of a subscription.
   void take(Topic & topic, const void * message, const rmw_message_info_t & info) {
+    ++topic.heard;
     try {
       const auto now = clock_.now();
       const auto number = info.publication_sequence_number;
@@ -197,14 +229,14 @@ private:
 
   std::shared_ptr<Topic> find_topic(const SignalSettings & signal) {
     const auto where = "signal '" + signal.name + "': ";
-    auto topic = std::make_shared<Topic>(Topic{"", signal.type, signal.name, Losses(depth_)});
+    auto topic = std::make_shared<Topic>(Topic{"", signal, Losses(depth_)});
     try {
       topic->name = node_.get_node_topics_interface()->resolve_topic_name(signal.topic);
     } catch (const std::exception &) {
       throw UserError(where + "'" + signal.topic + "' is not a topic name; expected letters, digits, '_' and '/'");
     }
     for (const auto & known : topics_) {
-      if (known->name == topic->name && known->type == topic->type) {return known;}
+      if (known->name == topic->name && known->signal.type == signal.type) {return known;}
     }
     try {
       const std::string support = "rosidl_typesupport_introspection_cpp";
@@ -222,10 +254,22 @@ private:
   }
 
   // The executor may hold a message that is read after the topics are closed: its callback then does nothing.
-  void create_subscription(const SignalSettings & signal, const std::shared_ptr<Topic> & topic) {
-    const auto qos = rclcpp::QoS(depth_).best_effort();
+  void create_subscription(const std::shared_ptr<Topic> & topic) {
+    const auto & signal = topic->signal;
+    using Kind = rclcpp::QosPolicyKind;
+    const rclcpp::QosOverridingOptions overridable{
+      Kind::History, Kind::Depth, Kind::Reliability, Kind::Deadline, Kind::Liveliness, Kind::LivelinessLeaseDuration};
+    const auto qos = rclcpp::detail::declare_qos_parameters(  // generic subscriptions do not read overrides themselves
+      overridable, node_, topic->name, rclcpp::QoS(depth_).best_effort(),
+      rclcpp::detail::SubscriptionQosParametersTraits{});
     rclcpp::SubscriptionOptions options;
-    options.qos_overriding_options = rclcpp::QosOverridingOptions::with_default_policies();
+    const auto tell = [this, weak = std::weak_ptr(topic)] {
+        if (const auto open = weak.lock()) {on_silence_(open->name);}
+      };
+    options.event_callbacks.deadline_callback = [tell](rclcpp::QOSDeadlineRequestedInfo &) {tell();};
+    options.event_callbacks.liveliness_callback = [tell](rclcpp::QOSLivelinessChangedInfo & change) {
+        if (change.alive_count == 0 && change.alive_count_change < 0) {tell();}
+      };
     const auto subscribe_typed = [&](auto message) {
         using Message = decltype(message);
         topic->subscription = node_.create_subscription<Message>(
@@ -247,6 +291,7 @@ private:
         try {
           serialization.deserialize_message(bytes.get(), message.get());
         } catch (const std::exception & error) {
+          ++open->heard;
           on_failure_(error.what());
           return;
         }
@@ -259,7 +304,7 @@ private:
   Node & node_;
   const NodeClock & clock_;
   std::size_t depth_;
-  OnText on_failure_;
+  OnText on_failure_, on_silence_;
   std::vector<std::shared_ptr<Topic>> topics_;
 };
 

@@ -34,8 +34,8 @@ public:
       }, rclcpp::ServicesQoS().keep_last(MAX_REQUESTS));
   }
 
-  // Let a model take over when it has warmed up. Raises UserError if the damper cannot run it.
-  void adopt(const ModelPtr & model) {
+  // Let a model take over when it has warmed up; returns what to answer. Raises UserError if the damper cannot run it.
+  std::string adopt(const ModelPtr & model) {
     watch();
     damper_.load(model);
     if (accepted_) {report(*accepted_, "overtaken", "by " + model->path);}
@@ -43,6 +43,8 @@ public:
     on_load_();
     report(*accepted_, "accepted", format_number("takes over when warmed up, after %g s of samples", model->warm_up_s));
     RCLCPP_INFO(node_.get_logger(), "%s", state_.c_str());
+    return "request " + std::to_string(requests_) + ": " + state_ + "; the outcome comes on " +
+           status_->get_topic_name();
   }
 
   // Report a model that has taken over since the last call.
@@ -77,10 +79,8 @@ private:
   // Read the file in the parameter again.
   void reload(Trigger::Response & response) {
     try {
-      adopt(load_model(node_));
+      response.message = adopt(load_model(node_));
       response.success = true;
-      response.message = "request " + std::to_string(requests_) + ": " + state_ + "; the outcome comes on " +
-        status_->get_topic_name();
     } catch (const UserError & error) {
       ++refused_;
       response.message = error.what();

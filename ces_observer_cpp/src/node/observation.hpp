@@ -79,7 +79,7 @@ public:
     now_(node, joint, "~/estimate"),
     inputs_(
       node, clock, static_cast<std::size_t>(node.get_parameter("input_depth").as_int()),
-      [this](const std::string & what) {fail(what);}) {
+      [this](const std::string & what) {fail(what);}, [this](const std::string & topic) {on_silence(topic);}) {
     offer_late();
     subscribe();
   }
@@ -100,6 +100,7 @@ public:
   // Do what is due `elapsed` after the last call.
   void watch(Nanoseconds elapsed) {
     intake_.release(clock_.now());
+    inputs_.watch();
     snapshot.watch();
     changes.watch();
     quiet_ = damper.tally().samples == watched_samples_ ? quiet_ + elapsed : 0;
@@ -201,6 +202,13 @@ private:
       if (late_ && late_->publish(one, frame)) {health.latency.take(clock_.now() - one.stamp);}
     }
     failing_since_ = 0;
+    on_change_();
+  }
+
+  // Withhold at once, where the middleware says that no position comes: `watch` notices it later.
+  void on_silence(const std::string & topic) {
+    if (topic != node_.get_node_topics_interface()->resolve_topic_name(position_.topic)) {return;}
+    damper.report_silence();
     on_change_();
   }
 

@@ -49,12 +49,33 @@ ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
     "observer", rclcpp::NodeOptions(options).use_clock_thread(false).start_parameter_services(false)
     .append_parameter_override("diagnostic_updater.use_fqn", true)),
   parameters_(declare_all(*this)),
-  joint_(find_joint(parameters_->get_params().name, parameters_->get_params().position.field)),
-  services_(*this),
+  services_(
+    *this, [this] {return made_ != nullptr;}, [this] {
+      std::string answer;
+      guard([&] {answer = load_model();});
+      return answer;
+    }),
   clock_(*this, [this](const std::string & what) {on_time_jump(what);}),
   updater_(this, NEVER_S),  // its timer stands still with simulated time: `watch` updates it
   details_(rclcpp::create_publisher<diagnostic_msgs::msg::DiagnosticArray>(*this, "~/details", rclcpp::QoS(1))) {
   warn_of_unknown(*this);
+  name_tasks();
+  model_checks_ = add_on_set_parameters_callback([this](const auto & changed) {return check_model(changed);});
+  model_loads_ = add_post_set_parameters_callback(
+    [this](const auto &) {if (loaded_) {next_ = std::exchange(loaded_, nullptr);}});
+  parameters_->setUserCallback([this](const observer::Params & changed) {guard([&] {apply(changed);});});
+  watched_ = rolled_ = reported_ = read_clock(CLOCK_MONOTONIC);
+  timer_ = create_wall_timer(WATCH_PERIOD, [this] {guard([this] {watch();});});
+  if (parameters_->get_params().autostart) {start();}
+}
+
+// Name the tasks of the diagnostics by the joint, as it is set now.
+void ObserverNode::name_tasks() {
+  const auto parameters = parameters_->get_params();
+  const auto joint = find_joint(parameters.name, parameters.position.field);
+  if (joint == joint_) {return;}
+  for (const auto * task : TASKS) {updater_.removeByName(joint_ + " " + task);}
+  joint_ = joint;
   updater_.setHardwareID(joint_);
   for (std::size_t k = 0; k < TASKS.size(); ++k) {
     updater_.add(joint_ + " " + TASKS[k], [this, k](Status & status) {
@@ -66,23 +87,18 @@ ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
         }
       });
   }
-  model_checks_ = add_on_set_parameters_callback([this](const auto & changed) {return check_model(changed);});
-  model_loads_ = add_post_set_parameters_callback([this](const auto &) {guard([this] {load_model();});});
-  parameters_->setUserCallback([this](const observer::Params & changed) {guard([&] {apply(changed);});});
-  watched_ = rolled_ = reported_ = read_clock(CLOCK_MONOTONIC);
-  timer_ = create_wall_timer(WATCH_PERIOD, [this] {guard([this] {watch();});});
-  if (parameters_->get_params().autostart) {start();}
 }
 
 ObserverNode::Transition ObserverNode::on_configure(const State &) {
   try {
+    name_tasks();
     made_ = std::make_unique<Observation>(
       *this, clock_, joint_, [this] {report_change();}, [this](const std::string & what) {on_error(what);});
     apply(parameters_->get_params());
   } catch (const std::exception & error) {
     mistake_ = error.what();
     if (!is_starting_) {RCLCPP_ERROR(get_logger(), "%s", error.what());}
-    made_.reset();
+    let_go();
     return dynamic_cast<const UserError *>(&error) ? Transition::FAILURE : Transition::ERROR;
   }
   const auto & model = made_->damper.model();
@@ -99,10 +115,17 @@ ObserverNode::Transition ObserverNode::on_deactivate(const State & state) {
 
 ObserverNode::Transition ObserverNode::on_cleanup(const State &) {
   has_fallen_ = false;
-  made_.reset();
+  let_go();
   mismatch_.clear();
   reported_reason_ = Reason::SILENT;
   return Transition::SUCCESS;
+}
+
+// Let go of all topics, and wake the executor: until it has seen them go, it takes new ones at the same addresses for
+// them, and does not read them (ros2/rclcpp issue 2180).
+void ObserverNode::let_go() {
+  made_.reset();
+  get_node_base_interface()->trigger_notify_guard_condition();
 }
 
 // Configure and activate the node; raises UserError if it cannot.
@@ -169,10 +192,11 @@ rcl_interfaces::msg::SetParametersResult ObserverNode::check_model(const std::ve
   return result;
 }
 
-// Let the model of the parameter that was set take over.
-void ObserverNode::load_model() {
-  const auto model = std::exchange(loaded_, nullptr);
-  if (made_ && model) {made_->changes.adopt(model);}
+// Let the model of the parameter that was set take over, and return what to answer; not while it is set, as then the
+// topics of its delayed estimates cannot be made.
+std::string ObserverNode::load_model() {
+  const auto model = std::exchange(next_, nullptr);
+  return made_ && model ? made_->changes.adopt(model) : "";
 }
 
 // Do what is due; a step that fails does not keep the others from being done.
@@ -180,6 +204,7 @@ void ObserverNode::watch() {
   const auto now = read_clock(CLOCK_MONOTONIC), elapsed = now - watched_;
   watched_ = now;
   guard([this] {clock_.watch();});
+  guard([this] {load_model();});
   guard([&] {if (made_) {made_->watch(elapsed);}});
   guard([&] {watch_failures(now);});
   if (const auto window = now - rolled_; window >= DIAGNOSTICS) {
@@ -299,10 +324,10 @@ int run_observer(int argc, char ** argv) {
     rclcpp::init(argc, argv);
     const auto node = std::make_shared<ObserverNode>(rclcpp::NodeOptions());
     std::unique_ptr<rclcpp::Executor> executor;
-    if (node->get_parameter("executor").as_string() == "single") {
-      executor = std::make_unique<rclcpp::executors::SingleThreadedExecutor>();
-    } else {
+    if (node->get_parameter("executor").as_string() == "events") {
       executor = std::make_unique<rclcpp::experimental::executors::EventsExecutor>();
+    } else {
+      executor = std::make_unique<rclcpp::executors::SingleThreadedExecutor>();
     }
     executor->add_node(node->get_node_base_interface());
     std::set<std::string> logged;

@@ -28,6 +28,7 @@ private:
   Transition on_cleanup(const State &) override;
   Transition on_shutdown(const State & state) override {return on_cleanup(state);}
   Transition on_error(const State & state) override {return on_cleanup(state);}
+  void let_go();
   void start();
   void fall();
   void on_time_jump(const std::string & what);
@@ -45,7 +46,8 @@ private:
 
   void apply(const observer::Params & parameters);
   rcl_interfaces::msg::SetParametersResult check_model(const std::vector<rclcpp::Parameter> & changed);
-  void load_model();
+  std::string load_model();
+  void name_tasks();
   void watch();
   void roll(double elapsed_s);
   void watch_failures(Nanoseconds now);
@@ -65,7 +67,7 @@ private:
   rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>::SharedPtr details_;
   KernelDrops drops_;
   std::unique_ptr<Observation> made_;  // while it is configured
-  ModelPtr loaded_;  // for the parameter that is being set
+  ModelPtr loaded_, next_;  // for the parameter that is being set, and for one that was set
   std::array<Task, 4> tasks_;  // of the last report, with all values
   Status values_;
   std::string state_;

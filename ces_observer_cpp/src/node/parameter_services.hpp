@@ -14,8 +14,10 @@ namespace ces {
 
 class ParameterServices {
 public:
-  explicit ParameterServices(Node & node)
-  : node_(node) {
+  // `is_in_use` says whether the node is configured, so that it has read what is not live; `answer` what became of the
+  // parameter that was just set, empty if there is no more to say.
+  ParameterServices(Node & node, std::function<bool()> is_in_use, std::function<std::string()> answer)
+  : node_(node), is_in_use_(std::move(is_in_use)), answer_(std::move(answer)) {
     using namespace rcl_interfaces::srv;
     serve<GetParameters>("get_parameters", [&node](const auto & request, auto & response) {
         for (const auto & one : node.get_parameters(request.names)) {
@@ -74,7 +76,9 @@ private:
       value.type > rclcpp::PARAMETER_STRING_ARRAY ? what + fmt::format("has a value of unknown type {}", value.type) :
       longest > MAX_VALUE ?
       what + fmt::format("has {} characters or elements; expected at most {}", longest, MAX_VALUE) :
-      node_.has_parameter(one.name) ? "" : what + "cannot be set because it was not declared";
+      !node_.has_parameter(one.name) ? what + "cannot be set because it was not declared" :
+      is_in_use_() && std::count(std::begin(IDLE_ONLY), std::end(IDLE_ONLY), one.name) ?
+      what + "cannot be set because " + IN_USE : "";
   }
 
   Result set(const std::vector<Message> & messages) const {
@@ -88,7 +92,10 @@ private:
         if (const auto refusal = find_refusal(one); !refusal.empty()) {throw UserError(refusal);}
         parameters.push_back(rclcpp::Parameter::from_parameter_msg(one));
       }
-      return node_.set_parameters_atomically(parameters);
+      result = node_.set_parameters_atomically(parameters);
+      const auto said = answer_();
+      if (result.successful) {result.reason = said;}
+      return result;
     } catch (const std::exception & error) {
       result.reason = error.what();
       return result;
@@ -96,6 +103,8 @@ private:
   }
 
   Node & node_;
+  std::function<bool()> is_in_use_;
+  std::function<std::string()> answer_;
   std::vector<rclcpp::ServiceBase::SharedPtr> services_;
 };
 

@@ -27,7 +27,7 @@ inline void declare_constant(Node & node) {
   const bool is_null = given != overrides.end() && given->second == rclcpp::ParameterValue("null");
   rcl_interfaces::msg::ParameterDescriptor descriptor;
   descriptor.description = "current: known value in SI units instead of a topic";
-  descriptor.read_only = descriptor.dynamic_typing = true;
+  descriptor.dynamic_typing = true;
   const auto value = node.declare_parameter("current.constant", rclcpp::ParameterValue(), descriptor, is_null);
   if (value.get_type() == rclcpp::PARAMETER_NOT_SET) {return;}
   if (value.get_type() != rclcpp::PARAMETER_DOUBLE) {

@@ -2,11 +2,13 @@ import json
 
 import numpy as np
 import pytest
+from damper_models import plain_damper
 
 from ces_cli.bags import info
 from ces_cli.terminal import terminal
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.recording import Channel, Recording
+from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 
 DEFAULT = Signals.from_mapping({}, "defaults")
@@ -48,6 +50,21 @@ def test_map_shows_both_currents_and_the_range_of_speed(tmp_path, capsys):
     filled = [line.split()[0] for line in lines if "┤" in line and line.partition("┤")[2].strip()]
     assert filled == ["0.394", "0.306"]
     assert any("-0.12" in line and "+0.12 m/s" in line for line in lines)
+
+
+def test_a_model_is_shown_with_its_ranges_and_its_proof(tmp_path, capsys):
+    path = tmp_path / "model.json"
+    plain_damper(max_gap_s=0.3).save(path)
+    assert info.main([str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith(f"{path}  (sha256 ")
+    assert "  model: polynomial_narx, " in lines[1] and "bridges lost samples for 0.3 s" in lines[2]
+    assert lines[-1].endswith("; stability: proved for every input")
+    path.write_text('{"schema": "ces-gap/1"}')
+    with pytest.raises(CesError, match="model"):
+        info.main([str(path)])
+    with pytest.raises(CesError, match="omit --json"):
+        info.main([str(path), "--json"])
 
 
 def test_json_for_other_programs(tmp_path, capsys):
