@@ -14,8 +14,9 @@ from operator import attrgetter
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_data.checks.delays import delay_findings, find_clock_drift, find_drift_within, force_delay, sign_findings
+from ces_data.checks.delays import delay_findings, force_delay, sign_findings
 from ces_data.checks.derivatives import derivative_findings
+from ces_data.checks.drift import find_clock_drift, find_drift_within
 from ces_data.checks.jumps import split_spikes
 from ces_data.checks.motion import is_constant, join_motions, recorded_motion
 from ces_data.checks.sensors import current_findings, rate_findings, saturation_findings, sensor_findings

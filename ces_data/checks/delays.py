@@ -33,11 +33,9 @@ from ces_data.checks.motion import (
     lag,
     moved_mass,
     normalize,
-    recorded_motion,
 )
 from ces_data.findings import WARNING, WRONG_MODEL, DelayFinding, Finding
-from ces_data.limits import DelayLimits, DriftLimits, SignLimits, StatisticLimits
-from ces_data.recording import Recording
+from ces_data.limits import DelayLimits, SignLimits, StatisticLimits
 
 ROWS, CURRENT_ROWS = 8000, 5000  # of the regressions
 CURRENT_KNOTS = (0.0, 0.03, 0.2, 0.4, 0.6, 0.8, 0.97, 1.0)
@@ -118,7 +116,7 @@ def force_delay(motion: RecordedMotion, far: bool = True) -> DelayEstimate | Non
 def _force_delay_within(motion: RecordedMotion, reach_s: float) -> DelayEstimate | None:
     """Return the delay if one of up to `reach_s` fits, and the parts of the motion are long enough for such shifts."""
     features, reach = force_features(motion), round(reach_s * RATE_HZ)
-    rows = _rows(motion, reach, ROWS)
+    rows = choose_rows(motion, reach, ROWS)
     if len(rows) < DelayLimits.MIN_TICKS // 2:
         return None
     shifts = np.arange(-reach, reach + 1)
@@ -126,7 +124,7 @@ def _force_delay_within(motion: RecordedMotion, reach_s: float) -> DelayEstimate
 
     def estimate(*more: F) -> DelayEstimate | None:
         errors = fit_errors(np.concatenate([features, *more])[:, rows].T, targets)
-        return _as_delay(shifts / RATE_HZ, errors, DelayLimits.FACTOR, DelayLimits.FLOOR)
+        return as_delay(shifts / RATE_HZ, errors, DelayLimits.FACTOR, DelayLimits.FLOOR)
 
     return _with_alternatives(motion, estimate)
 
@@ -136,7 +134,7 @@ def current_delay(motion: RecordedMotion, force_late_s: float = 0.0) -> DelayEst
     if len(motion) < DelayLimits.MIN_TICKS or is_constant(motion.current) or motion.speed.std() == 0.0:
         return None
     reach, late = round(DelayLimits.MAX_S * RATE_HZ), round(force_late_s * RATE_HZ)
-    rows = _rows(motion, reach + abs(late), CURRENT_ROWS)
+    rows = choose_rows(motion, reach + abs(late), CURRENT_ROWS)
     speeds, n = hats(motion.speed, CURRENT_KNOTS), normalize(motion.current)
     alone = np.concatenate([speeds, lag(speeds, LAGS_S[1]), normalize(motion.position)[None]])[:, rows]
     currents = [*(lag(n, seconds) for seconds in VALVE_LAGS_S), n**2, lag(n**2, VALVE_LAGS_S[1])]
@@ -151,7 +149,7 @@ def current_delay(motion: RecordedMotion, force_late_s: float = 0.0) -> DelayEst
             moved = (speeds[:, rows] * c[rows + late + shift] for c in currents)
             features = np.concatenate([alone, *(one[:, rows] for one in more), *moved])
             errors.append(fit_errors(features.T, target)[0])
-        return _as_delay(shifts / RATE_HZ, np.array(errors), DelayLimits.CURRENT_FACTOR, DelayLimits.CURRENT_FLOOR)
+        return as_delay(shifts / RATE_HZ, np.array(errors), DelayLimits.CURRENT_FACTOR, DelayLimits.CURRENT_FLOOR)
 
     return _with_alternatives(motion, estimate)
 
@@ -173,13 +171,14 @@ def _with_alternatives(motion: RecordedMotion, estimate: Callable[..., DelayEsti
     return replace(alone, alternatives=tuple(names or features))
 
 
-def _rows(motion: RecordedMotion, margin: int, most: int) -> I:
+def choose_rows(motion: RecordedMotion, margin: int, most: int) -> I:
     """Return at most `most` ticks, evenly spread, that stay inside when shifted by `margin`."""
     inside = motion.inner_ticks(margin + round(0.05 * RATE_HZ), margin)
     return inside if len(inside) <= most else inside[np.linspace(0, len(inside) - 1, most).astype(np.int64)]
 
 
-def _as_delay(shifts_s: F, errors: F, factor: float, floor: float) -> DelayEstimate | None:
+def as_delay(shifts_s: F, errors: F, factor: float, floor: float) -> DelayEstimate | None:
+    """Return the shift (n,) of the least relative error (n,), with those that fit almost as well; None for no fit."""
     best = int(np.argmin(errors))
     if errors[best] > DelayLimits.MAX_ERROR:
         return None
@@ -332,72 +331,3 @@ def _name_late(signal: str, other: str, late_s: float) -> tuple[str, str, float]
         return signal, f"before the {other}", late_s
     late, reference = (signal, other) if late_s > 0.0 else (other, signal)
     return late, f"after the {reference}", abs(late_s)
-
-
-THIRDS = ((0.0, 1.0 / 3.0), (1.0 / 3.0, 2.0 / 3.0), (2.0 / 3.0, 1.0))  # of the position's samples
-
-
-def find_clock_drift(recording: Recording) -> Finding | None:
-    """Return a finding if the force is late by another time at the end of the recording than at its begin.
-
-    The middle must lie between: on a stroke that repeats, a delay is known but for a whole period.
-    """
-    delays = []
-    for part in THIRDS:
-        motion = recorded_motion(recording.share(*part))
-        delay = None if motion is None else force_delay(motion, far=False)
-        if delay is None or delay.alternatives:
-            return None
-        delays.append(delay)
-    first, middle, last = delays
-    # more than what the damper's elasticity, which is in both, leaves open
-    change, width = last.late_s - first.late_s, max(delay.high_s - delay.low_s for delay in (first, last))
-    if first.beyond or last.beyond or abs(change) <= max(DriftLimits.MIN_CHANGE_S, DriftLimits.CLEARLY * width):
-        return None
-    if abs(middle.late_s - 0.5 * (first.late_s + last.late_s)) > DriftLimits.STEADY * abs(change):
-        return None
-    return _describe_drift(first.late_s, last.late_s)
-
-
-DRIFT_STEPS = 41  # of the rates that are tried on each side
-
-
-def find_drift_within(motion: RecordedMotion, delay: DelayEstimate | None = None) -> Finding | None:
-    """Return a finding if the force fits clearly better at a delay that grows with time than at none and at `delay`."""
-    seconds = len(motion) / RATE_HZ
-    rates = np.linspace(-DriftLimits.MAX_RATE, DriftLimits.MAX_RATE, 2 * DRIFT_STEPS + 1)
-    rows = _rows(motion, round(DriftLimits.MAX_RATE * seconds * RATE_HZ), ROWS)
-    if len(rows) < DelayLimits.MIN_TICKS // 2 or motion.force.std() == 0.0 or not _moves_throughout(motion.speed[rows]):
-        return None
-    features, ticks = force_features(motion), np.arange(len(motion))
-    features = np.concatenate([features, *alternative_features(motion).values()])[:, rows].T
-    best = None
-    for origin in (0.0, 0.5):
-        late = np.outer(rows - origin * len(motion), rates)
-        targets = np.interp(rows[:, None] + late, ticks, motion.force)
-        drift = _as_delay(rates, fit_errors(features, targets), DriftLimits.FACTOR, DelayLimits.FLOOR)
-        if drift is not None and (best is None or drift.least_error < best[1].least_error):
-            best = origin, drift
-    if best is None or not best[1].certain or best[1].least_error > DriftLimits.MAX_ERROR:
-        return None
-    if delay is not None and DriftLimits.FACTOR * best[1].least_error > delay.least_error:
-        return None
-    change = best[1].late_s * seconds
-    return (
-        _describe_drift(-best[0] * change, (1.0 - best[0]) * change) if abs(change) > DriftLimits.MIN_CHANGE_S else None
-    )
-
-
-def _moves_throughout(speed: F) -> bool:
-    """Return whether each third of the time moves: where the piston rests, nothing tells how late the force is."""
-    thirds = [float(np.sqrt(np.mean(part**2))) for part in np.array_split(speed, len(THIRDS))]
-    return min(thirds) > DriftLimits.MIN_MOTION * max(thirds)
-
-
-def _describe_drift(first_s: float, last_s: float) -> Finding:
-    begin, end = (f"about {1e3 * abs(s):.0f} ms {'after' if s >= 0.0 else 'before'}" for s in (first_s, last_s))
-    text = (
-        f"force: logged {begin} the position at the begin and {end} it at the end: their clocks drift apart, which no "
-        "constant delay corrects; log both with one clock, or rescale the stamps of one"
-    )
-    return Finding(WRONG_MODEL, text, "force")

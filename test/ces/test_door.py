@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 import re
 import subprocess
 import sys
@@ -349,22 +348,6 @@ def test_a_script_hears_of_each_step_and_a_terminal_shows_one_line(capsys, monke
         tell("unseen", 0.0)
         time.sleep(0.05)
     assert not capsys.readouterr().err
-
-
-def test_blas_has_one_thread_while_a_model_is_identified():
-    # Where NumPy was imported before, as in notebooks, waiting threads of BLAS would take the cores from the search.
-    script = (
-        "import sys; sys.path.insert(0, 'test/ces'); import numpy; from threadpoolctl import threadpool_info\n"
-        "import ces, ces_identify.scripting.model as scripting; from test_door import QUICK, columns\n"
-        "blas = lambda: {pool['num_threads'] for pool in threadpool_info() if pool['user_api'] == 'blas'}\n"
-        "search = scripting.identify\n"
-        "scripting.identify = lambda *given, **more: print('within', blas()) or search(*given, **more)\n"
-        "before = blas(); ces.identify(columns(), **QUICK); assert blas() == before, blas()\n"
-    )
-    unset = {name: text for name, text in os.environ.items() if not name.endswith("_NUM_THREADS")}
-    command = [sys.executable, "-c", script]
-    ended = subprocess.run(command, check=False, cwd=ROOT, env=unset, text=True, capture_output=True)
-    assert (ended.returncode, ended.stdout) == (0, "within {1}\n"), ended.stderr
 
 
 def test_results_print_a_few_lines_and_a_table(road):

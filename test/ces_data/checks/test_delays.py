@@ -12,10 +12,9 @@ from ces_data.checks.delays import (
     DelayEstimate,
     current_delay,
     delay_findings,
-    find_clock_drift,
-    find_drift_within,
     force_delay,
 )
+from ces_data.checks.drift import find_clock_drift, find_drift_within
 from ces_data.checks.motion import recorded_motion
 
 
