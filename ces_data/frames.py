@@ -10,6 +10,7 @@ import yaml
 
 from ces_data.findings import warn
 from ces_data.logs.frame import FrameTable, is_frame
+from ces_data.logs.log_file import LogTable, TimedLog
 from ces_data.logs.log_import import to_recording
 from ces_data.mapping.choice import PASSIVE
 from ces_data.mapping.proposals import GIVE_RATE, NO_TIME, parse_mapping_without_force, propose_for
@@ -40,13 +41,18 @@ def read_frame(
     """
     if not is_table(table):
         raise CesError(f"{name or 'table'}: expected a DataFrame or a mapping of arrays; got a {type(table).__name__}")
-    if not isinstance(columns or {}, Mapping):
-        raise CesError(f"columns: expected columns by signal; {EXAMPLE}")
     name = name or (NAME if is_frame(table) else "arrays") + (f" {number}" if number else "")
-    log = FrameTable(table, name)
+    return read_columns(FrameTable(table, name), columns or {}, need)
+
+
+def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Sequence[str]) -> Recording:
+    """Return the recording in an open log, of which `columns` names what `read_frame` says. Raises RecordingError."""
+    if not isinstance(columns, Mapping):
+        raise CesError(f"columns: expected columns by signal; {EXAMPLE}")
+    name = str(log.path)
     proposal = propose_for(log, need=need)
     found = yaml.safe_load(proposal.text) or {}
-    given = {signal: _as_source(signal, source, found) for signal, source in (columns or {}).items()}
+    given = {signal: _as_source(signal, source, found) for signal, source in columns.items()}
     content = {**found, **given}
     if "rate" in given:
         content.pop("time", None)
@@ -70,7 +76,8 @@ def _remedy(doubt: str) -> str:
         return "; say which it is: columns={'time': 'NAME'}, or {'rate': 1000} [Hz] without one"
     if signal == "current":
         return "; say which it is: columns={'current': 'NAME'}, or {'current': 0.0} for a passive damper"
-    return f"; say which it is: columns={{'{signal}': {{'column': 'NAME', 'unit': 'mm'}}}}" if signal in UNITS else ""
+    unit = UNITS.get(signal, "").replace("m", "mm", 1)  # the usual one of logs
+    return f"; say which it is: columns={{'{signal}': {{'column': 'NAME', 'unit': '{unit}'}}}}" if unit else ""
 
 
 def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:

@@ -14,16 +14,18 @@ from ces_data.bags.find import find_bags
 from ces_data.checks.motion import recorded_motion
 from ces_data.checks.units import unit_findings
 from ces_data.findings import require_usable, warn
-from ces_data.frames import is_table, read_frame
+from ces_data.frames import is_table, read_columns, read_frame
 from ces_data.log_formats import is_log
 from ces_data.logs import log_import
-from ces_data.logs.log_mapping import load_dyno_mapping
+from ces_data.logs.log_file import open_log
+from ces_data.logs.log_mapping import DynoMapping, load_dyno_mapping
 from ces_data.mapping.proposals import propose_mapping, split_damper
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
 
 SIGNALS = ("position", "current", "force")
+EXPECTED = {"model": "a model or ", "simulation": "a model, a function or "}  # beside paths, by argument
 PathInput: TypeAlias = "str | os.PathLike[str]"
 RecordingInput: TypeAlias = "Recording | PathInput | Mapping[str, Any]"  # or a pandas DataFrame
 RecordingInputs: TypeAlias = "RecordingInput | Sequence[RecordingInput]"
@@ -42,19 +44,23 @@ def read_log(
     path: PathInput,
     *,
     mapping: PathInput | None = None,
+    columns: Mapping[str, Any] | None = None,
     need: Sequence[str] = SIGNALS,
     say: Callable[[str], None] = lambda found: None,
     take: Callable[[Recording], Recording] = lambda whole: whole,
 ) -> Recording:
     """Read and check a log of any format that `ces import` reads.
 
-    `mapping` is its mapping file. Without one, the columns are found by their names, units and numbers, as `ces import`
-    does, and `say` is told what was taken; what `take` leaves of it is checked. A force that is not in `need` may be
-    missing. Raises CesError, also where what was found is not certain.
+    `mapping` is its mapping file, `columns` those of `read_frame`. Without, columns are found by names, units and
+    numbers, as `ces import` does, and `say` is told what was taken; what `take` leaves of it is checked. A force that
+    is not in `need` may be missing. Raises CesError, also where what was found is not certain.
     """
     path = as_path(path, "log")
     if mapping is not None:
         return _check(_with_hash(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))), path))
+    if columns is not None:
+        log = open_log(path, DynoMapping(source="columns", signals={}, blank="missing"))
+        return check_table(_with_hash(read_columns(log, columns, need), path))
     proposal = propose_mapping(path, need=need)
     recording = replace(_with_hash(proposal.read(), split_damper(path)[0]), taken=", ".join(proposal.found))
     say(recording.taken)
@@ -66,13 +72,20 @@ def read_log(
 def as_recordings(
     given: RecordingInputs, signals: PathInput | None = None, *, need: Sequence[str] = SIGNALS, required: bool = True
 ) -> list[Recording]:
-    """Return recordings that were given as such, as tables, or as paths and globs of bags and logs, one or several."""
+    """Return recordings that were given as such, as tables, or as paths and globs of bags and logs, one or several.
+
+    Recordings and tables may have names, as keys of a mapping. `signals` describes bags only.
+    """
     single = isinstance(given, Recording | str | os.PathLike) or is_table(given)
     if not single and (not hasattr(given, "__iter__") or hasattr(given, "dtype")):
         raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(given)}")
+    if isinstance(given, Mapping) and given and all(map(_is_recording, given.values())):
+        return [replace(r, name=name) for name, one in given.items() for r in as_recordings(one, signals, need=need)]
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
         raise CesError("no recording given; expected a recording, a path, or several of them")
+    if signals is not None and not any(isinstance(one, str | os.PathLike) for one in several):
+        raise CesError("signals: describes the topics of bags; there is none here")
     recordings: list[Recording] = []
     for number, one in enumerate(several, 1):
         if isinstance(one, Recording):
@@ -86,6 +99,11 @@ def as_recordings(
     return recordings
 
 
+def _is_recording(value: object) -> bool:
+    """Return whether a value is a recording of any kind but a path, as in a mapping of recordings by name."""
+    return isinstance(value, Recording) or is_table(value)
+
+
 def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recording:
     if is_log(path):
         return read_log(path, need=need)
@@ -95,7 +113,9 @@ def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recordi
 def as_path(given: PathInput, name: str) -> Path:
     """Return a path; raises CesError if `given` is none, calling it `name`."""
     if not isinstance(given, str | os.PathLike):
-        raise CesError(f"{name}: expected {'a model or ' if name == 'model' else ''}a path; got {kind_of(given)}")
+        raise CesError(f"{name}: expected {EXPECTED.get(name, '')}a path; got {kind_of(given)}")
+    if not os.fspath(given):
+        raise CesError(f"{name}: the path is empty")
     return Path(given)
 
 

@@ -38,6 +38,7 @@ TABLE = {  # by quantity: the factor to SI of each unit, and its further spellin
         "cm": (1e-2, "centimeter centimetre"),
         "um": (1e-6, "µm μm micrometer micrometre"),
         "in": (INCH_M, 'inch inches "'),
+        "mil": (1e-3 * INCH_M, "mils thou"),
         "ft": (0.3048, "feet foot"),
     },
     "force": {

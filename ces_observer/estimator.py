@@ -181,6 +181,10 @@ class Estimator:
         self.delay_ns = round(model.sampling.delay_ticks / model.sampling.rate_Hz * 1e9)
         self.reset()
 
+    def __repr__(self) -> str:
+        rate_Hz = self.model.sampling.rate_Hz
+        return f"Estimator: {self.model.structure} at {rate_Hz:g} Hz; {self.reason or 'force estimated'}"
+
     def reset(self) -> None:
         """Bring the estimator back to new."""
         self._reset()

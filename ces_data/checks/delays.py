@@ -367,7 +367,7 @@ def find_drift_within(motion: RecordedMotion, delay: DelayEstimate | None = None
     seconds = len(motion) / RATE_HZ
     rates = np.linspace(-DriftLimits.MAX_RATE, DriftLimits.MAX_RATE, 2 * DRIFT_STEPS + 1)
     rows = _rows(motion, round(DriftLimits.MAX_RATE * seconds * RATE_HZ), ROWS)
-    if len(rows) < DelayLimits.MIN_TICKS // 2 or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
+    if len(rows) < DelayLimits.MIN_TICKS // 2 or motion.force.std() == 0.0 or not _moves_throughout(motion.speed[rows]):
         return None
     features, ticks = force_features(motion), np.arange(len(motion))
     features = np.concatenate([features, *alternative_features(motion).values()])[:, rows].T
@@ -386,6 +386,12 @@ def find_drift_within(motion: RecordedMotion, delay: DelayEstimate | None = None
     return (
         _describe_drift(-best[0] * change, (1.0 - best[0]) * change) if abs(change) > DriftLimits.MIN_CHANGE_S else None
     )
+
+
+def _moves_throughout(speed: F) -> bool:
+    """Return whether each third of the time moves: where the piston rests, nothing tells how late the force is."""
+    thirds = [float(np.sqrt(np.mean(part**2))) for part in np.array_split(speed, len(THIRDS))]
+    return min(thirds) > DriftLimits.MIN_MOTION * max(thirds)
 
 
 def _describe_drift(first_s: float, last_s: float) -> Finding:

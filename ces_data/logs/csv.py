@@ -35,6 +35,7 @@ FIRST_PART, PART, MAX_LINE = 1 << 16, 1 << 22, 1 << 20  # bytes read together in
 EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a float would round it
 NUMBER_STARTS = frozenset("0123456789+-.")
 PLAIN = b"0123456789+-eE\n"  # bytes of numbers alone, with the marks of decimals and cells
+DATED = re.compile(r"\d[-./: T]+\d+[-./: T]+\d")
 LINE_BREAK = re.compile("\r\n|\r|\n")
 EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
 
@@ -88,8 +89,10 @@ class CsvTable(LogTable):
             reason = f"no rows of numbers after {self.dialect.head} header lines"
             empty = "the file is empty; expected a header and rows of numbers"
             raise RecordingError(f"{path}: {reason if self.dialect.head else empty}")
-        if all(cells.texts is None and np.isnan(cells.numbers).all() for cells in self._columns):
-            raise RecordingError(f"{path}: no cell from line {self._lines[0]} on is a number; expected rows of numbers")
+        if all(np.isnan(cells.numbers).all() for cells in self._columns):
+            bad = next((f", as '{c.bad[1]}' is none" for c in self._columns if c.texts is None and c.bad), "")
+            text = f"no cell from line {self._lines[0]} on is a number{bad}; expected rows of numbers"
+            raise RecordingError(f"{path}: {text}")
 
     def blocks(self, columns: Sequence[LogColumn]) -> Iterator[CsvTable]:
         """Yield the table in blocks of rows; the first is this one."""
@@ -190,7 +193,7 @@ class CsvTable(LogTable):
     def _begin_block(self, columns: Sequence[_Cells]) -> None:
         """Begin a block without rows; the columns of the block before say which are text."""
         self._lines = array("q")
-        self.breaks: list[int] = []
+        self.breaks: dict[int, bool] = {}
         self._columns = [_Cells(None if cells.texts is None else []) for cells in columns]
         self._dates_before = self._dates if columns else {}
         self._dates: dict[int, tuple[list[str], int]] = {}  # by column: the first text of all and the last, its stamp
@@ -201,7 +204,7 @@ class CsvTable(LogTable):
         for lines, rows, row_block in source:
             first = len(self._lines)
             if row_block is not self._row_block and self._row_block is not None:
-                self.breaks.append(first)
+                self.breaks[first] = row_block is not None and row_block.repeated
             self._row_block = row_block
             self._lines.frombytes(lines.tobytes())
             if isinstance(rows, np.ndarray):
@@ -372,6 +375,8 @@ class CsvTable(LogTable):
             expected = "a number without thousands separators: export it so"
         elif self.dialect.decimal != "." and csv_cells.is_number(text, "."):
             expected = f"decimals by '{self.dialect.decimal}' as elsewhere"
+        elif DATED.search(text):
+            expected = "a number, or a date in a known form (a mapping gives another: date: '%Y-%jT%H:%M:%S.%f')"
         elif not text.strip() or csv_cells.is_missing(text):
             kind = "that" if text.strip() else "a blank"
             expected = f"a number (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"

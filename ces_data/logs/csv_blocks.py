@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ces_data.logs.csv_cells import is_number, is_value
-from ces_data.logs.csv_form import CsvDialect, find_header, parse_lines
+from ces_data.logs.csv_form import CsvDialect, find_header, find_labelled_units, parse_lines, strip_units
 from ces_data.recording import Values
 from ces_data.units import find_unit
 from ces_observer.errors import RecordingError
@@ -31,6 +31,7 @@ class RowBlock:
     """The rows from byte `begin` to `end` of a file, above which `line` lines stand; `title` is from its header.
 
     `order` holds the place of each column of the first block, if it is another one; `factors` those of other units.
+    `repeated` says that the names alone came again, as where a logger was opened again.
     """
 
     begin: int
@@ -39,6 +40,7 @@ class RowBlock:
     title: str = ""
     order: tuple[int, ...] = ()
     factors: Mapping[int, float] = field(default_factory=dict)
+    repeated: bool = False
 
     def reorder(self, rows: Rows) -> Rows:
         """Return rows with their cells in the order of the first block."""
@@ -83,7 +85,8 @@ def describe_blocks(blocks: Sequence[RowBlock]) -> str:
     """Return how many blocks there are, and their titles."""
     shown = [f"line {b.line + 1}" + (f" '{b.title}'" if b.title else "") for b in blocks[:MAX_TITLES]]
     more = [f"{len(blocks) - MAX_TITLES} more"] if len(blocks) > MAX_TITLES else []
-    text = f"{len(blocks)} blocks of rows with a header each, read as one recording with gaps between them"
+    gaps = "gaps where the time does not go on" if all(b.repeated for b in blocks[1:]) else "gaps between them"
+    text = f"{len(blocks)} blocks of rows with a header each, read as one recording with {gaps}"
     return f"{text} ({', '.join([*shown, *more])})"
 
 
@@ -145,6 +148,9 @@ def _make_block(content: mmap.mmap, header: _Header, end: int, title: str, path:
         lines.append(_decode(content[place : (place := _end_of_line(content, place))], dialect))
     rows = parse_lines(lines, dialect.delimiter)
     head, names, units, _ = find_header(rows, None, dialect.decimal)
+    stated = parse_lines(header.above, dialect.delimiter)
+    if not units and (labelled := find_labelled_units(stated)) is not None:
+        units = strip_units(stated[labelled][1])
     above = rows[head][0] - 1 if head < len(rows) else len(lines)  # lines from the names to the first row
     at = header.line + len(header.above)
     begin, line, where = _skip_lines(content, header.names, above), at + above - 1, f"{path}:{at}"
@@ -153,7 +159,7 @@ def _make_block(content: mmap.mmap, header: _Header, end: int, title: str, path:
         raise RecordingError(f"{where}: {has} {', '.join(dialect.names)}; cut the file before it and import each part")
     order = tuple(map(names.index, dialect.names)) if names != dialect.names else ()
     factors = _find_factors(dialect, [units[i] for i in order] if order and units else units, where)
-    return RowBlock(begin, max(begin, end), line, title, order, factors)
+    return RowBlock(begin, max(begin, end), line, title, order, factors, not any(map(str.strip, header.above)))
 
 
 def _find_factors(dialect: CsvDialect, units: Sequence[str], where: str) -> dict[int, float]:

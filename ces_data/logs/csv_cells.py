@@ -20,7 +20,7 @@ ISO = re.compile(
     r"(?P<y>\d{4})-(?P<m>\d\d)-(?P<d>\d\d)[T _](?P<hour>\d\d):(?P<minute>\d\d)(?::(?P<second>\d\d))?"
     rf"{FRACTION}\s*(?P<zone>Z|[+-]\d\d:?\d\d)?$"
 )
-GERMAN = re.compile(rf"(?P<d>\d{{1,2}})\.(?P<m>\d{{1,2}})\.(?P<y>\d{{4}})[ _T]{TIME}{FRACTION}$")
+GERMAN = re.compile(rf"(?P<d>\d{{1,2}})\.(?P<m>\d{{1,2}})\.(?P<y>\d{{4}}|\d\d)[ _T]{TIME}{FRACTION}$")
 NAMED = re.compile(rf"(?P<d>\d{{1,2}})[-. ]+(?P<m>[A-Za-zä]{{3,9}})[-. ]+(?P<y>\d{{4}})[ T]+{TIME}{FRACTION}$")
 SLASHED = re.compile(rf"(?P<first>\d{{1,4}})/(?P<next>\d{{1,2}})/(?P<last>\d{{1,4}})[ T]+{TIME}{DECIMALS}?{HALF}")
 CLOCK = re.compile(rf"(?:(?P<days>-?\d+) days? )?{TIME}{FRACTION}{HALF}")
@@ -113,7 +113,10 @@ def _read_parts(part: Mapping[str, str | None], order: str) -> int:
     if year := day.get("y"):
         name = str(day["m"])
         month = int(name) if name.isdigit() else MONTHS.get(name[:3].casefold(), 0)
-        days = date(int(year), month, int(day["d"] or 0)).toordinal() - date(1970, 1, 1).toordinal()
+        days = (
+            date(int(year) + 2000 * (len(year) == 2), month, int(day["d"] or 0)).toordinal()
+            - date(1970, 1, 1).toordinal()
+        )
     if minute > 59 or second > 59 or (year and hour > 23):
         raise ValueError(hour, minute, second)
     minutes = 60 * (24 * days + hour) + minute + int(part.get("minutes") or 0)

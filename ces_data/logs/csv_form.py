@@ -26,6 +26,7 @@ OTHERS = (  # units of columns that are no signal
     "kg # count counts lap bool mV/V µm/m ppm %RH"
 )
 OTHER_UNITS = frozenset(OTHERS.split())
+UNIT_LABELS = frozenset(("unit", "units", "einheit", "einheiten", "y_unit_label", "vertical units"))  # before units
 LINE_BREAK = re.compile(r"\s*[\r\n\t]\s*")  # in a quoted cell
 MIN_NUMBERED = 3  # columns in a row that numbers them
 DESCRIBED = re.compile(r'"?(\w[^|"]*)"?\|"?([^|"]*)"?(?:\|[-+.\d]+){2,3}$')  # RaceCapture's: name, unit, range, rate
@@ -61,6 +62,13 @@ class CsvDialect:
     units: tuple[str, ...]
     notes: tuple[str, ...] = ()
     names_line: int = 0
+
+
+def find_other_unit(text: str) -> str:
+    """Return a unit that no signal has, as `%` or `mV/V`, or a sensitivity as `500 N/V`, from a unit or a name."""
+    bracketed = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", text)
+    stated = (bracketed.group(1) if bracketed else text).strip()
+    return stated if stated in {"%", *OTHER_UNITS} or (bracketed and stated.endswith(("/V", "/mV"))) else ""
 
 
 def find_dialect(path: Path, mapping: DynoMapping) -> CsvDialect:
@@ -150,6 +158,8 @@ def find_header(rows: Rows, stated: int | None, decimal: str) -> Header:
     block = _name_lines(rows[:first_row], width, decimal)
     names_at = next((at for at in block if not _is_unit_row(rows[at][1])), None)
     units_at = next((at for at in block if _is_unit_row(rows[at][1])), None)
+    if units_at is None:
+        units_at = find_labelled_units(rows[: first_row or max(block, default=0)])
     if names_at is None:
         return 1 if first_row is None else first_row, (), (), 0
     if stated is None:  # the rows begin at the first line below the header that holds a number, though others be bad
@@ -164,7 +174,7 @@ def find_header(rows: Rows, stated: int | None, decimal: str) -> Header:
     if len(set(names)) < len(names) and below:  # columns share the name of a group, before that in the next line
         joined = [" ".join(pair).strip() for pair in zip(names, _strip_names(below[0]), strict=False)]
         names = joined if len(set(joined)) == len(names) else names
-    units = [] if units_at is None else [cell.strip().strip("[]()") for cell in _strip_mark(rows[units_at][1])]
+    units = [] if units_at is None else list(strip_units(rows[units_at][1]))
     head = names_at + 1 if first_row is None else first_row
     head += stated is None and _numbers_columns([cells for _, cells in rows[head : head + 2]], bool(units), decimal)
     if not units and all(parts := [DESCRIBED.match(name) for name in names]):
@@ -260,8 +270,28 @@ def _strip_mark(cells: Sequence[str]) -> list[str]:
     return list(cells) if not mark else [text, *cells[1:]] if text else list(cells[1:])
 
 
+def find_labelled_units(rows: Rows) -> int | None:
+    """Return the index of the row of units that says so itself, None without."""
+    return next((at for at, (_, cells) in enumerate(rows) if _is_labelled(cells) and _is_unit_row(cells)), None)
+
+
+def strip_units(cells: Sequence[str]) -> tuple[str, ...]:
+    """Return the units in a line of them, without brackets."""
+    return tuple(cell.strip().strip("[]()") for cell in _unit_cells(cells))
+
+
+def _is_labelled(cells: Sequence[str]) -> bool:
+    """Return whether a line says first that units follow, as Y_Unit_Label does."""
+    return bool(cells) and cells[0].strip().casefold() in UNIT_LABELS
+
+
+def _unit_cells(cells: Sequence[str]) -> list[str]:
+    """Return the cells of a line of units, without the mark of a comment and what says that they are units."""
+    return ["", *cells[1:]] if _is_labelled(cells) else _strip_mark(cells)
+
+
 def _is_unit_row(cells: Sequence[str]) -> bool:
     """Return whether all cells are units, or marks for none."""
-    texts = [cell.strip() for cell in _strip_mark(cells)]
+    texts = [cell.strip() for cell in _unit_cells(cells)]
     units = [text for text in texts if find_unit(text) is not None]
     return bool(units) and all(text in units or text.strip("[]()") in NO_UNIT | OTHER_UNITS for text in texts)

@@ -67,7 +67,7 @@ class LogTable(ABC):
     names: Sequence[str]
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()  # what a person has to choose, such as one of several runs
-    breaks: Sequence[int] = ()  # rows (from 0) at which a block begins whose time may begin again
+    breaks: Mapping[int, bool] = {}  # rows (from 0) at which a block begins; whether its names alone came again
     rows = ""  # the path to the table inside the file
     unread: Mapping[str, str] = {}  # names of what cannot be a column, each with the reason
 

@@ -196,7 +196,7 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
         stamps = stamps + clock.shift_ns
     if len(stamps) != count:
         raise RecordingError(f"{table.path}: {len(stamps)} times for {count} values; expected one for each")
-    stamps = part_blocks(stamps, table.breaks, clock)
+    stamps = part_blocks(stamps, table.breaks, clock, timed=True)
     if not clock.rows and count:
         clock.first_ns, clock.first_place = int(stamps[0]), table.place(0)
     places: Callable[[int], str] = lambda row: table.place(row - 1) if row else clock.first_place  # noqa: E731
@@ -207,11 +207,16 @@ def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock
     return stamps
 
 
-def part_blocks(stamps: Stamps, breaks: Sequence[int], clock: TableClock) -> Stamps:
-    """Return the stamps with a gap before each of these rows: a block may begin again at zero, or where one ended."""
+def part_blocks(stamps: Stamps, breaks: Mapping[int, bool], clock: TableClock, timed: bool = False) -> Stamps:
+    """Return the stamps with a gap before each of these rows: a block may begin again at zero, or where one ended.
+
+    Where the names alone came again, a time of the table may go on.
+    """
     moved = stamps + clock.gap_ns
-    for row in breaks:
+    for row, repeated in breaks.items():
         before = int(moved[row - 1]) if row else clock.last_ns
+        if timed and repeated and moved[row] > before:
+            continue
         gap_ns = max(0, before + round(TableLimits.BLOCK_GAP_S * 1e9) - int(moved[row]))
         moved[row:] += gap_ns
         clock.gap_ns += gap_ns
@@ -277,17 +282,30 @@ def _require_forward(
     what = f"{path}: {place(row + 1)}: time runs backwards, from {begin:.13g} s to {again:.13g} s{more}"
     usual = float(np.median(forward))
     cut = f"cut it before {place(row + 1)}"
+    given = f"give {rate.format(f'{1e9 / usual:.6g}')}, or {cut}" if rate else cut
     ordered = np.sort(stamps)
     if _is_even(ordered[1:] - ordered[:-1], usual):
         remedy = "rows are out of order, and no time is missing; sort the rows by time"
+    elif cause := _name_step_back(1e-9 * float(stamps[row] + usual - stamps[row + 1]), 1e-9 * usual):
+        remedy = f"{cause}; {given}"
     elif stamps[row + 1] <= (stamps[0] if first_ns is None else first_ns) + 2.0 * usual:
         remedy = f"it begins again: these are several recordings, or one in a loop; {cut}"
     elif rate and _is_even(forward, usual):
-        given = rate.format(f"{1e9 / usual:.6g}")
-        remedy = f"was the clock set back? If the sampling went on evenly, give {given}; if it stopped there, {cut}"
+        remedy = (
+            f"was the clock set back? If the sampling went on evenly, {given.replace(', or', '; if it stopped there,')}"
+        )
     else:
         remedy = f"was the clock set back? Then {cut}"
     raise RecordingError(f"{what}: {remedy}")
+
+
+def _name_step_back(back_s: float, usual_s: float) -> str:
+    """Return why a time may step back by just so much, '' if it is no such step."""
+    if abs(back_s - 3600.0) < usual_s:
+        return "it is an hour, as where summer time ends"
+    counters = ((bits, unit_s) for bits in (16, 32) for unit_s in (1e-3, 1e-6))
+    wraps = (bits for bits, unit_s in counters if abs(back_s - 2**bits * unit_s) < usual_s)
+    return next((f"a counter of {bits} bits began again at zero, and the time goes on" for bits in wraps), "")
 
 
 def _is_even(steps: Stamps, usual: float) -> bool:

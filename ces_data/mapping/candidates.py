@@ -11,6 +11,7 @@ import numpy as np
 
 from ces_data.bags.fields import FieldSeries, read_fields
 from ces_data.limits import TableLimits
+from ces_data.logs.csv_form import find_other_unit
 from ces_data.logs.log_file import LogTable, TimedLog
 from ces_data.logs.log_import import TableClock, part_blocks, read_times
 from ces_data.logs.log_mapping import LogColumn
@@ -31,6 +32,9 @@ from ces_observer.errors import RecordingError
 MAX_COLUMNS = 256  # of a table without names
 DIALLED_PATH = re.compile(r"(Platform\(\)://)?Model Root/")  # before each name in ControlDesk's exports
 BETWEEN_BAGS_NS = 10_000_000_000
+SERIES_NAMES = frozenset(
+    ("topic", "field", "series", "metric", "channel", "signal", "variable", "sensor", "tag", "name")
+)
 ANY = ""  # key of what may be any signal
 
 
@@ -102,7 +106,7 @@ def _of_series(log: TimedLog) -> LogCandidates:
             continue
         key = series.key or series.label
         if len(series.values) < TableLimits.MIN_SAMPLES or not np.isfinite(series.values).any():
-            reason = f"{series.label!r} has {np.isfinite(series.values).sum()} samples"
+            reason = f"{series.label!r} holds too few numbers ({np.isfinite(series.values).sum()})"
             unread.update(dict.fromkeys(_meanings(key), reason))
             continue
         name, unit = split_unit(DIALLED_PATH.sub("", key))
@@ -137,16 +141,32 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
         elif time is None or c.key != time.key:
             keys[c.label] = LogColumn(c.key)
             if there.sum() < TableLimits.MIN_SAMPLES:
-                unread.update(dict.fromkeys(_meanings(str(c.key)), f"{c.key!r} has {there.sum()} samples"))
+                reason = f"{c.key!r} holds too few numbers ({there.sum()} in {len(there)} rows)"
+                unread.update(dict.fromkeys(_meanings(str(c.key)), reason))
             else:
                 values = (stamps, c.values) if there.all() else (stamps[there], c.values[there])
                 timed = time is not None or known_rate is not None
                 candidates.append(Candidate(c.label, (c.name,), *values, unit=c.unit, stated=c.stated, timed=timed))
+    if reason := _describe_long(table, columns) or ("" if candidates or unread else "no column holds numbers"):
+        unread[ANY] = reason
     for name, reason in table.unread.items():
         unread.update(dict.fromkeys((ANY, *_meanings(name)), reason))
     doubt = "" if time is None else doubt_time(table, time, stamps, candidates) or doubt_pairs(columns, time)
     text = describe_time(table, time, known_rate)
     return LogCandidates(tuple(candidates), keys, time, known_rate, text, doubt, unread)
+
+
+def _describe_long(table: LogTable, columns: Sequence[TableColumn]) -> str:
+    """Return that each row holds one value and says of what, as databases and Foxglove export them, '' if not."""
+    numbers = {column.key for column in columns}
+    series = next((n for n in table.names if n.strip("_").casefold() in SERIES_NAMES and n not in numbers), "")
+    value = next((n for n in table.names if n.strip("_").casefold() == "value"), "")
+    if not series or not value:
+        return ""
+    return (
+        f"each row holds one value, of what column '{series}' says; make a column of each, as pandas does with "
+        f"pivot(index=..., columns='{series}', values='{value}'), the index being the column of the time"
+    )
 
 
 def _meanings(name: str) -> Iterator[str]:
@@ -171,5 +191,7 @@ def _read_columns(table: LogTable) -> tuple[list[TableColumn], dict[str, str]]:
         stated = find_unit(table.unit(key))
         plain, unit = split_unit(table.title(key) or DIALLED_PATH.sub("", str(name)))
         where = "from the header" if stated else "from its name" if unit else ""
+        if other := "" if stated or unit else find_other_unit(table.unit(key) or str(name)):
+            where = other
         columns.append(TableColumn(key, values, stated or unit, plain, where))
     return columns, unread

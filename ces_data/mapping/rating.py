@@ -26,7 +26,7 @@ class Candidate:
 
     `label` names it for people. `names` are the texts whose words say what it is, the most specific first: the field's
     and the topic's, or the column's alone. `kind` is the message type, empty in a log. `unit` is the stated one, and
-    `stated` says where. One that is not `timed` has the number of its row [ms] for a stamp.
+    `stated` says where, or which unit no signal has. One that is not `timed` has its row's number [ms] for a stamp.
     """
 
     label: str
@@ -210,8 +210,6 @@ USUAL = {  # units to try where none is stated, the likeliest first
     "acceleration": ("m/s2", "g"),
     "temperature": ("degC", "K"),
 }
-
-
 OR = "or in "  # before units that a guess leaves open
 
 
@@ -220,6 +218,8 @@ def guess_unit(candidate: Candidate, signal: str) -> tuple[Unit | None, str]:
     if candidate.unit is not None:
         return candidate.unit, f"unit {candidate.unit.text} {candidate.stated}".strip()
     usual = USUAL[signal]
+    if candidate.stated:
+        return None, f"its unit is stated as '{candidate.stated}', which is not one of a {signal}; give its scale"
     number, what = (candidate.span, "span") if signal == "position" else (candidate.peak, "peak")
     if candidate.constant and candidate.high == 0.0:
         return find_unit(usual[0]), f"always 0, so any unit; taken as {usual[0]}"

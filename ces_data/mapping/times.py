@@ -26,6 +26,8 @@ PERIOD_WORDS = frozenset({"ts", "dt", "tsample", "sampletime", "samplingtime"})
 TIME_UNITS = {  # by words in names
     **dict.fromkeys(("millis", "millisec", "msec", "ms"), "ms"),
     **dict.fromkeys(("micros", "microsec", "usec", "us"), "us"),
+    **dict.fromkeys(("min", "minutes"), "min"),
+    **dict.fromkeys(("h", "hours"), "h"),
 }
 UNIT_S = {"ms": 1e-3, "us": 1e-6}
 CALENDARS = (  # times as numbers from low to high that count from a date: scale * number + offset is s since 1970
@@ -111,7 +113,8 @@ def find_time(table: LogTable, columns: Sequence[TableColumn], unread: dict[str,
             return c.as_time()
     for c in as_long:  # whose fault is reported when it is read
         finite = c.values[np.isfinite(c.values)]
-        named = c.time_unit or c.named_time or "time" in split_words(c.name)
+        words = split_words(c.name)
+        named = c.time_unit or c.named_time or "time" in words or (table.breaks and words in TIME_AXES[1:])
         if named and len(finite) > 1 and np.ptp(finite) > 0.0:
             return c.as_time()
     if not table.names:
@@ -226,7 +229,7 @@ def doubt_pairs(columns: Sequence[TableColumn], time: LogColumn) -> str:
     are_times = [(c.time_unit is not None or c.named_time) and c.goes_forward for c in columns]
     times = chosen.values * (chosen.time_unit.scale if chosen.time_unit else 1.0)
     for c, is_time, after_time in zip(columns, are_times, [True, *are_times], strict=False):
-        if c is chosen or not is_time or after_time:
+        if c is chosen or not is_time or after_time or c.steps_s == 0.0:  # a time that is cut to whole seconds
             continue
         others = c.values * (c.time_unit.scale if c.time_unit else 1.0)
         if others.shape == times.shape:  # the same time, or one of another clock, is no time of other samples

@@ -284,6 +284,8 @@ def identify_model(
     how, fitter, ignored = request.options(), request.fitter(), request.ignore_findings
     require_distinct(given, held_out)
     findings = check_together([*given, *held_out])
+    if not any(one.source for one in (*given, *held_out)):  # made of arrays and tables
+        findings = tuple(replace(f, text=f.text.replace(" in the signals file", "")) for f in findings)
     require_sound(findings, ignored)
     _warn_all(finding.text for finding in findings)
 
@@ -313,7 +315,12 @@ def _like(given: object, recording: recording.Recording, force: F) -> Any:
         stamps = recording.channel("position").stamps_ns
         every = np.unique(np.concatenate([channel.stamps_ns for channel in recording.channels.values()]))
         at = np.searchsorted(every, stamps)
-        index = index[at] if len(every) == len(index) else pandas.Index(1e-9 * (stamps - stamps[0]), name="time_s")
+        if len(every) == len(index):
+            whole = np.full(len(index), np.nan)
+            whole[at] = force
+            force = whole
+        else:
+            index = pandas.Index(1e-9 * (stamps - stamps[0]), name="time_s")
     return pandas.Series(force, index=index, name="force_N")
 
 
@@ -334,7 +341,7 @@ def _is_empty(given: object) -> bool:
 
 def _plain(cell: Markup) -> str | float:
     """Return a cell of a page as a number if it is one, else as text."""
-    text = cell.striptags().replace("\N{MINUS SIGN}", "-")
+    text = Markup(cell.replace("<sup>", "^")).striptags().replace("\N{MINUS SIGN}", "-")
     try:
         return float(text)
     except ValueError:

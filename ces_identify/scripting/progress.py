@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeAlias
 
+from ces_observer.errors import CesError
+
 Progress: TypeAlias = Callable[[str, float], None]  # the present step, and the share of the work that is done
 ProgressInput: TypeAlias = Progress | bool | None
 EVERY_S, WIDTH = 1.0, 110
@@ -20,6 +22,8 @@ def show_progress(given: ProgressInput) -> Iterator[Progress]:
 
     None shows them where somebody looks: in a notebook and on a terminal.
     """
+    if given is not None and not isinstance(given, bool) and not callable(given):
+        raise CesError(f"progress: expected a function of (text, share), True, False or None; got {given!r}")
     if callable(given):
         yield given
     elif given is False or (given is None and not _is_watched()):

@@ -38,13 +38,20 @@ class Recording(recording.Recording):
     """
 
     @classmethod
-    def load(cls, path: PathInput, *, signals: PathInput | None = None, mapping: PathInput | None = None) -> Recording:
-        """Read a bag (with a signals file) or a log (with a mapping file, else its columns are found).
+    def load(
+        cls,
+        path: PathInput,
+        *,
+        signals: PathInput | None = None,
+        mapping: PathInput | None = None,
+        columns: Mapping[str, Any] | None = None,
+    ) -> Recording:
+        """Read a bag (with a signals file) or a log (with a mapping file, or `columns`; else its columns are found).
 
         A measured force may be missing. Warns of what looks wrong; raises CesError for what cannot be used.
         """
-        if mapping is not None or is_log(as_path(path, "recording")):
-            return with_methods(read_log(path, mapping=mapping, need=SIGNALS[:2]))
+        if mapping is not None or columns is not None or is_log(as_path(path, "recording")):
+            return with_methods(read_log(path, mapping=mapping, columns=columns, need=SIGNALS[:2]))
         return with_methods(read_recording(path, signals=signals, need=SIGNALS[:2]))
 
     @classmethod
@@ -95,7 +102,7 @@ class Recording(recording.Recording):
     def resample(self, rate_Hz: float) -> Self:
         """Return the recording with all channels on even times: currents held, others interpolated, no gap bridged."""
         if not isinstance(rate_Hz, int | float) or not 0.0 < rate_Hz <= MAX_RATE_HZ:
-            raise RecordingError(f"resample({rate_Hz}): expected a rate above 0, up to {MAX_RATE_HZ:g} Hz")
+            raise RecordingError(f"resample({rate_Hz!r}): expected a rate above 0, up to {MAX_RATE_HZ:g} Hz")
         position = self.channel("position").in_order()
         count = int(np.floor(np.ptp(position.stamps_ns) * 1e-9 * rate_Hz)) + 1
         stamps = position.stamps_ns[0] + np.rint(np.arange(count) * (1e9 / rate_Hz)).astype(np.int64)

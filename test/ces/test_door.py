@@ -127,14 +127,6 @@ def test_steady_forces_follow_speed_and_current(model):
     assert whole.columns[0] == low and whole.columns[-1] == high and len(whole) > 1
 
 
-def test_a_row_without_a_position_has_no_force_and_the_others_keep_their_index(model, road):
-    pytest.importorskip("pandas")
-    frame = road.part(1, 3).to_frame()
-    frame.iloc[10:13, 0] = np.nan
-    force = model.simulate(frame)
-    assert force.index.equals(frame.index.delete([10, 11, 12])) and np.isfinite(force.iloc[-1])
-
-
 DOUBTS = {
     "its own recording": (lambda m, r: m.validate(r), "identified on seconds of this recording"),
     "another current": (lambda m, r: m.simulate(T, X, 0.0), "outside the model's envelope for 100.0 % of the time"),
@@ -249,6 +241,14 @@ def test_what_exists_is_replaced_only_if_that_is_asked_for(name, write, model, r
 MISTAKES = {
     "no recording": (lambda m, r: ces.identify([]), "no recording given"),
     "a number": (lambda m, r: ces.identify(5), "recordings: expected a recording, a path, a table, or several"),
+    "an empty path": (lambda m, r: ces.identify(""), "recording: the path is empty"),
+    "signals of a table": (
+        lambda m, r: ces.identify(columns(), signals="mine.yaml"),
+        "signals: describes the topics of bags; there is none here",
+    ),
+    "progress": (lambda m, r: ces.identify(r, progress=5), "progress: expected a function of"),
+    "seconds as text": (lambda m, r: r.part("1", "3"), "no part from '1' s to '3' s"),
+    "no numbers": (lambda m, r: ces.identify(columns(position_m=np.nan)), "'position_m' holds too few numbers"),
     "no such bag": (lambda m, r: ces.identify("none"), "none: no such file or folder"),
     "time as text": (lambda m, r: ces.identify(r, time="ten"), "time is 'ten'; expected a number from"),
     "a region": (lambda m, r: ces.identify(r, weight="much"), "weight='much': expected"),
@@ -294,7 +294,10 @@ MISTAKES = {
     "no position": (lambda m, r: ces.Estimator(m).step(7, None, 0.5), "position_m: is None; expected a number"),
     "a current as text": (lambda m, r: ces.Estimator(m).step(7, 0.0, "1"), "current_A: is '1'; expected a number"),
     "no path": (lambda m, r: ces.DamperModel().fit(["none.csv"]), "none.csv: no such file"),
-    "a simulation": (lambda m, r: ces.diagnose(3, r), "simulation: expected a path; got a value of type int"),
+    "a simulation": (
+        lambda m, r: ces.diagnose(3, r),
+        "simulation: expected a model, a function or a path; got a value of type int",
+    ),
     "a file's kind": (lambda m, r: ces.diagnose("foo", r), "'foo' is no simulation; expected MODEL.json"),
     "an option": (
         lambda m, r: ces.diagnose(m, r, effect="x"),

@@ -128,3 +128,25 @@ def test_another_kind_of_file_is_named(tmp_path):
         ces.Model.load(tmp_path / "gap.json")
     with pytest.raises(ces.CesError, match="such as a model, and no recording"):
         ces.identify(MODEL)
+
+
+def test_a_log_takes_columns_as_a_frame_does(tmp_path):
+    rows = np.column_stack([T, 1e3 * X, FORCE])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t_s,Weg_mm,Kraft_N", comments="")
+    recording = ces.Recording.load(tmp_path / "log.csv", columns={"current": 0.5})
+    np.testing.assert_allclose(values(recording, "position"), X, atol=1e-12)
+    np.testing.assert_allclose(values(recording, "current"), 0.5)
+    assert recording.sha256
+
+
+def test_recordings_have_the_names_of_a_mapping():
+    costs = repr(ces.validate(MODEL, {"front": table(), "rear": table(F_kN=1.1e-3 * FORCE)}))
+    assert "front" in costs and "rear" in costs
+
+
+def test_a_simulation_has_every_row_of_the_frame():
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame(table())
+    frame.loc[1000:1040, "x_mm"] = np.nan
+    force = ces.simulate(MODEL, frame)
+    assert force.index.equals(frame.index) and force[1000:1040].isna().all() and force[1900:].notna().all()

@@ -80,6 +80,18 @@ def test_measured_recordings_make_sense():
     assert {name: texts for name, texts in found.items() if texts} == {}
 
 
+@measured
+@pytest.mark.parametrize("seconds", [6.0, 7.0])
+def test_the_stillness_before_a_sweep_shows_no_drift_and_hides_no_sign(seconds):
+    """The clocks were said to drift by 30 and 24 ms over the begin of a sound recording."""
+    mapping = load_dyno_mapping(ROOT / "config" / "import" / "utfsm_mr.yaml")
+    whole = import_log(DATA / "utfsm_mr" / "sweep_15Hz_0.5A.csv", mapping)
+    begin = whole.share(0.0, seconds / whole.duration_s)
+    assert check_recording(begin) == ()
+    (found,) = check_recording(changed(begin, force=scaled(-1.0)))
+    assert found.text.startswith("force: acts with the motion instead of against it")
+
+
 @pytest.mark.parametrize(
     ("change", "severity", "text"),
     [

@@ -69,6 +69,18 @@ def test_blocks_that_all_begin_at_zero_come_one_after_the_other(tmp_path, capsys
     assert (np.diff(at) >= 10**9).sum() == 2
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_where_the_names_alone_come_again_the_time_goes_on_if_it_does(tmp_path, again):
+    names, blocks = "time_s,position_mm,current_A,force_N\n", []
+    for part in PARTS:
+        rows = zip(T[part] - again * T[part][0], 1e3 * X[part], CURRENT[part], F[part], strict=True)
+        blocks.append(names + "".join(f"{t:.4f},{x:.9f},{i:.9f},{f:.9f}\n" for t, x, i, f in rows))
+    (tmp_path / "log.csv").write_text("".join(blocks))
+    steps = np.diff(propose_mapping(tmp_path / "log.csv").read().channel("force").stamps_ns)
+    assert (steps >= 10**9).sum() == 2 * again
+    assert again or steps.max() < 10**7
+
+
 def test_other_blocks_are_refused_with_their_line(tmp_path):
     a, b, _ = PARTS
     other = bench(b, T[b]).replace("Current", "Pressure")

@@ -44,6 +44,12 @@ def clock(form):
         "# damper 17\n# " + NAMES + NAMES + TABLE,
         "# damper 17\n# " + NAMES.replace(",", " ") + TABLE.replace(",", " "),
         "time,position,current,force\nRT,LVDT,Clamp,HBM\n[s],[mm],[A],[N]\n" + TABLE,
+        '"path","","Time","Root/Stroke","Root/Current","Root/Force"\n"descr","","t","x","i","F"\n"unit","","s","mm","A","N"\n'
+        + '"values"\n'
+        + "".join(f",,{row}\n" for row in CELLS),
+        "Writer_Version,2\n***End_of_Header***,\nY_Unit_Label,mm,A,N,\nX0,0,0,0,\n***End_of_Header***,,,,\n"
+        "X_Value,Position,Current,Force,Comment\n" + TABLE,
+        "Model,X1\nVertical Units,mm,A,N\ntime_s,position,current,force\n" + TABLE,
         "s,mm,A,N\ntime,position,current,force\n" + TABLE,
         ",position,current,force\n,mm,A,N\ntime,,,\n" + TABLE,
         "waveform,[0],[1],[2]\nt0,1.5.2024 12:00:00,,\ndelta t,0.1,0.1,0.1\n" + NAMES + TABLE,
@@ -78,6 +84,7 @@ def test_headers_and_comments_of_other_programs(tmp_path, text):
         (clock("%d-%b-%Y %H:%M:%S.%f"), NOON),
         (clock("%Y-%m-%dT%H:%M:%S.%fZ"), NOON),
         (clock("1.5.2024 %H:%M:%S.%f"), NOON),
+        (clock("01.05.24 %H:%M:%S.%f"), NOON),
         ([cell.replace("May", "Mai") for cell in clock("%d. %B %Y %H:%M:%S.%f")], NOON),
         ([f"{cell[:-7]}:{cell[-6:-3]}" for cell in clock("%H:%M:%S.%f")], NOON.replace(year=1970, month=1, day=1)),
     ],
@@ -124,10 +131,20 @@ def test_missing_numbers_in_any_spelling_are_missing_samples_and_counted(tmp_pat
         (with_times(clock("%H h %M min %S.%f")), "column 'Time' is '12 h 59 min 57.000000'; expected a number"),
         (with_times([f"{t / 86_400 + 0.5:.12f}" for t in T]), "its steps are 2.3"),
         (NAMES + "\n".join(CELLS[::-1]) + "\n", "the newest row is first; reverse the rows"),
-        (NAMES + CELLS[0] + "\n", "position: 'position_mm' has 1 samples"),
+        (NAMES + CELLS[0] + "\n", "position: 'position_mm' holds too few numbers (1 in 1 rows)"),
         ("\0\1\2" * 99, "not a text table, but binary data"),
         ("PK\3\4\0\0" * 99, "but an Excel workbook or a zip archive; save the sheet as CSV"),
-        ("Dear reader,\nthis is a letter.\n", "no cell from line 2 on is a number; expected rows of numbers"),
+        ("Dear reader,\nthis is a letter.\n", "a number, as 'this is a letter.' is none; expected rows of"),
+        (
+            "Time,Stroke\n" + "2024-05-01 12:00:00,1.5mm\n" * 99,
+            "no cell from line 2 on is a number, as '1.5mm' is none",
+        ),
+        (with_times([round((64.5 + t) % 65.536, 6) for t in T], "t_s"), "counter of 16 bits began again at zero"),
+        (
+            with_times([f"2024-10-27 02:59:{58 + t:06.3f}" if t < 2 else f"2024-10-27 02:00:{t - 2:06.3f}" for t in T]),
+            "as where summer time ends; give --rate 500 (in a mapping, rate: in place of time), or cut it before",
+        ),
+        (with_times(clock("%Y-%jT%H:%M:%S.%f")), "or a date in a known form (a mapping gives another: date: '%Y-%jT"),
     ],
 )
 def test_what_cannot_be_read_is_named_and_nothing_is_written(tmp_path, capsys, text, message):
@@ -184,3 +201,14 @@ def test_what_is_doubtful_is_named(tmp_path, doubt):
 
 def test_the_same_time_may_be_there_twice(tmp_path):
     assert_recording(read(tmp_path, two_times(0.0)), slow=False)
+
+
+def test_a_time_cut_to_seconds_is_no_other_time(tmp_path):
+    rows = [f"{9.0 + t!r},{int(9.0 + t)},{row.split(',', 1)[1]}" for t, row in zip(T.tolist(), CELLS, strict=True)]
+    text = "Time,header.stamp.secs,position_mm,current_A,force_N\n" + "\n".join(rows) + "\n"
+    assert_recording(read(tmp_path, text), start_ns=9_000_000_000, slow=False)
+
+
+@pytest.mark.parametrize(("name", "per_s"), [("time_min", 1 / 60), ("t_h", 1 / 3600)])
+def test_minutes_and_hours_in_a_name_of_a_time(tmp_path, name, per_s):
+    assert_recording(read(tmp_path, with_times([f"{t * per_s:.12f}" for t in T], name)), slow=False)
