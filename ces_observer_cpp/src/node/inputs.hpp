@@ -116,15 +116,19 @@ public:
     for (const auto & topic : topics_) {topic->arrivals = ArrivalClock();}
   }
 
-  // Subscribe anew where messages wait at two calls and none was read in between: an EventsExecutor is not woken for
-  // a subscription at the address of one that it has not yet seen go (ros2/rclcpp issue 2180).
+  // Subscribe anew where messages have waited for UNREAD and none was read: an EventsExecutor is not woken for a
+  // subscription at the address of one that it has not yet seen go (ros2/rclcpp issue 2180).
   void watch() {
+    const auto now = read_clock(CLOCK_MONOTONIC);
     for (const auto & topic : topics_) {
       const bool is_quiet = topic->heard == std::exchange(topic->watched, topic->heard);
-      const bool was_unread = topic->is_unread;
-      topic->is_unread = is_quiet && topic->subscription->get_publisher_count() > 0 && has_waiting(topic->subscription);
-      if (!was_unread || !topic->is_unread) {continue;}
-      topic->is_unread = false;
+      if (!is_quiet || topic->subscription->get_publisher_count() == 0 || !has_waiting(topic->subscription)) {
+        topic->unread_since = 0;
+        continue;
+      }
+      if (topic->unread_since == 0) {topic->unread_since = now;}
+      if (now - topic->unread_since < UNREAD) {continue;}
+      topic->unread_since = 0;
       create_subscription(topic);
       on_failure_(topic->name + ": the executor does not read the messages that wait; subscribed anew");
     }
@@ -171,6 +175,8 @@ public:
   }
 
 private:
+  static constexpr Nanoseconds UNREAD = 2 * SECOND;  // far above what a busy computer needs to come to a message
+
   struct Reader {
     FieldReader field;
     Nanoseconds delay;
@@ -191,7 +197,7 @@ private:
     rclcpp::SubscriptionBase::SharedPtr subscription = nullptr;
     std::string error = "";
     std::uint64_t heard = 0, watched = 0;  // messages so far, and at the last call of `watch`
-    bool is_unread = false;  // messages waited then
+    Nanoseconds unread_since = 0;  // by the steady clock; 0: no messages wait
   };
 
   // Whether the middleware has messages that wait; none is taken.
