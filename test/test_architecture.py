@@ -72,10 +72,10 @@ MAX_PACKAGE = {
     "ces_report": 13.9,
     "ces_identify": 179.5,
     "ces_rig": 71.9,
-    "ces_gap": 128.6,
+    "ces_gap": 129.1,
     "ces_cli": 71.2,
     "bench": 72.4,
-    "test": 472.6,
+    "test": 472.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
