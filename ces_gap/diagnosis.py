@@ -32,9 +32,13 @@ from ces_gap.trace import usable_inputs, usable_values
 from ces_report.table import PrintedResult
 
 __all__ = [
-    "AMBIGUOUS", "NAMED", "NO_GAP", "UNKNOWN", "Diagnosis", "Estimate", "Explanation", "Gap", "GapMap", "GapRegion",
-    "HeldOutSeries", "Interval", "NextExperiment", "VerdictFigures", "Where",
+    "AMBIGUOUS", "NAMED", "NO_GAP", "UNKNOWN", "Diagnosis", "Estimate", "Explanation", "Explanations", "Gap", "GapMap",
+    "GapRegion", "HeldOutSeries", "Interval", "NextExperiment", "VerdictFigures", "Where",
 ]  # fmt: skip
+
+
+class Explanations(PrintedResult, tuple[Explanation, ...]):
+    """Explanations that print themselves as a table."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,6 +77,10 @@ class Diagnosis(PrintedResult):
     timed_N: float = float("nan")  # gap after the simulation's timing was fitted
     probe: SimulationProbe = NOT_PROBED  # what the simulation does to its inputs
     rare: RareDeviation | None = None  # the largest local deviation, if it stands out
+
+    def __post_init__(self) -> None:
+        """Let the causes print themselves."""
+        object.__setattr__(self, "causes", Explanations(self.causes))
 
     def to_frame(self) -> Any:
         """Return the causes as a DataFrame, ranked, each alone; first those named together, if they are several.

@@ -36,7 +36,7 @@ def print_costs(
     table.columns[1].no_wrap = True
     table.rows[-1].end_section = True
     if (pooled := _pool_held_out(evaluations)) is not None:
-        use = f"test {pooled.scored_s:.1f} s"
+        use = f"{VALIDATION} {pooled.scored_s:.1f} s"
         table.add_row("all held out", use, percent(pooled.cost, pooled.interval), interval_text(pooled.interval))
     print_table(table)
     for line in explain_missing(evaluations, floors=any(e.floor is not None for e in evaluations)):

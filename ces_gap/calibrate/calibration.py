@@ -39,6 +39,7 @@ RUNS = 50  # for each parameter and one more, measured: about as often a fit wit
 DECLARED = (
     "functions declare them by keyword-only arguments with defaults (*, seal_N=25.0); of models, hydraulic ones do"
 )
+HELD = "the calibrated values are kept; name those that may have changed since with --fit"
 WORSE = "the fitted values explain held-out recordings no better than the defaults, which are kept"
 
 
@@ -209,8 +210,11 @@ def free_parameters(
 ) -> FreedParameters:
     """Return what the parameters of `simulation` explain of its gap to `real`, beside the effects and instead of them.
 
-    Without held-out recordings a part of `real` is not used. Whole numbers keep their values.
+    Without held-out recordings a part of `real` is not used. Whole numbers keep their values, and so do those of a
+    calibrated simulation unless `fit` names some.
     """
+    if not fit and getattr(simulation, "values", None):
+        return FreedParameters(simulation, notes=(HELD,))
     free = choose_free(simulation, fit, spec)
     if not free.numbers:
         return FreedParameters(simulation, notes=free.notes)

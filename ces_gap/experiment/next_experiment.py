@@ -25,11 +25,12 @@ from ces_gap.trace import Trace, make_trace
 from ces_identify.numerics.search import clock_s
 from ces_identify.schema_files import schema_line
 from ces_observer.errors import CesError
+from ces_report.table import PrintedResult
 from ces_report.typesetting import join_with
 
 
-@dataclass(frozen=True)
-class NextExperiment:
+@dataclass(frozen=True, repr=False)
+class NextExperiment(PrintedResult):
     """The next experiment: `recipe` for `ces rig`; `time_s`, `position_m`, `current_A` (n,) for its CSV file.
 
     `separates` are the effects that it distinguishes, `distance_N` [N] RMS the difference of their forces.

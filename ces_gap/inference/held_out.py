@@ -31,6 +31,7 @@ from ces_gap.limits import EvidenceLimits, RareLimits, VerdictLimits
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
 from ces_gap.trace import Trace, gap_N, noise_floor_N, own_error_N, usable_values
+from ces_report.table import PrintedResult
 
 RESAMPLES = 500
 SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
@@ -281,8 +282,8 @@ def has_undetermined_effect(composition: Explanation) -> bool:
     return False
 
 
-@dataclass(frozen=True)
-class Explanation:
+@dataclass(frozen=True, repr=False)
+class Explanation(PrintedResult):
     """One or several effects, with gap and shrink on held-out recordings, without measurement noise."""
 
     effects: tuple[str, ...]

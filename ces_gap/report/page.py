@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ces_gap.diagnosis import (
     AMBIGUOUS,
     NAMED,
@@ -14,6 +16,7 @@ from ces_gap.diagnosis import (
     UNKNOWN,
     Diagnosis,
     Explanation,
+    Explanations,
     Interval,
     NextExperiment,
     Where,
@@ -39,6 +42,7 @@ from ces_gap.report.tables import (
     cause_table,
     composition_table,
     effects_without_row,
+    explained_table,
     probe_table,
     recording_table,
     region_table,
@@ -122,6 +126,28 @@ def _(diagnosis: Diagnosis) -> tuple[Sequence[str], Table[CauseRow]]:
     rms, interval = format_within(gap.rms_N, *gap.ci95_N)
     size = f"Gap {rms} N RMS ({interval}) on held-out recordings, J {three_figures(gap.cost_J)} %."
     return [f"{diagnosis.sentence}", size, f"Next: {_next_step(diagnosis)}"], cause_table(diagnosis)
+
+
+@summarize_result.register
+def _(explanations: Explanations) -> tuple[Sequence[str], Table[CauseRow]]:
+    return ["each effect alone, in its best form" if explanations else "no effect"], explained_table(explanations)
+
+
+@summarize_result.register
+def _(explanation: Explanation) -> tuple[Sequence[str], Table[CauseRow]]:
+    table = explained_table([explanation] if explanation.effects else [])
+    return [", ".join(str(p) for row in table.rows for p in row.parameters) or "no effect"], table
+
+
+@summarize_result.register
+def _(experiment: NextExperiment) -> tuple[Sequence[str], Table[Any]]:
+    time, x, current = experiment.time_s, 1e3 * experiment.position_m, experiment.current_A
+    distance = f" by {three_figures(experiment.distance_N)} N RMS"
+    return [
+        f"{effect_name(experiment.name)}: {experiment.purpose}",
+        *([f"separates {join_effect_names(experiment.separates)}{distance}"] if experiment.separates else []),
+        f"{np.ptp(time):.3g} s, {x.min():.3g} to {x.max():.3g} mm, {current.min():.3g} to {current.max():.3g} A",
+    ], Table((), ())
 
 
 def build_gap_steps(d: Diagnosis) -> GapSteps:

@@ -166,14 +166,10 @@ def cause_rows(d: Diagnosis) -> list[CauseRow]:
     named = {*d.composition.effects, *d.alternatives} if d.verdict in (NAMED, AMBIGUOUS) else set()
     several = d.composition if len(d.composition.effects) > 1 else None
     rows = [
-        CauseRow(
-            effect=effect_name(cause.effects[0]),
-            what=cause.composition.settings[0].effect.summary,
-            form=effect_name(cause.forms[0]),
+        replace(
+            _cause_row(cause),
             css="named" if cause.effects[0] in named else "",
             probability=None if several and cause.effects[0] in several.effects else cause.probability,
-            parameters=describe_parameters(cause.estimates[0], cause.composition.settings[0]),
-            cause=cause,
         )
         for cause in causes
     ]
@@ -181,6 +177,26 @@ def cause_rows(d: Diagnosis) -> list[CauseRow]:
         return rows
     css, total = "named" if named else "", sum(c.probability for c in d.causes if c.effects[0] in several.effects)
     return [CauseRow(join_effect_names(several.effects), TOGETHER, "", css, total, (), several), *rows]
+
+
+def _cause_row(cause: Explanation) -> CauseRow:
+    """Return the row of an effect, or of several together."""
+    settings = cause.composition.settings
+    return CauseRow(
+        effect=join_effect_names(cause.effects) if cause.effects else "no effect",
+        what=settings[0].effect.summary if len(settings) == 1 else TOGETHER,
+        form=join_effect_names(cause.forms) if cause.forms else "",
+        css="",
+        probability=cause.probability,
+        parameters=tuple(p for e, s in zip(cause.estimates, settings, strict=True) for p in describe_parameters(e, s)),
+        cause=cause,
+        percentage=round(100.0 * cause.probability),
+    )
+
+
+def explained_table(explanations: Sequence[Explanation]) -> Table[CauseRow]:
+    """Return a row for each explanation, for scripts."""
+    return Table(CAUSE_COLUMNS, [_cause_row(one) for one in explanations])
 
 
 def effects_without_row(d: Diagnosis) -> list[str]:

@@ -21,7 +21,7 @@ from ces_data.logs.frame import is_frame
 from ces_data.outputs import REPORT, require_outputs
 from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs, as_path, as_recordings
 from ces_data.recording import join_days
-from ces_identify.identification import identify
+from ces_identify.identification import COSTS, identify
 from ces_identify.numerics.least_squares import one_blas_thread
 from ces_identify.numerics.search import SearchResult
 from ces_identify.options import IdentifyRequest
@@ -45,6 +45,7 @@ from ces_observer.errors import CesError
 from ces_observer.records import in_files
 from ces_observer.structures.polynomial import Polynomial
 from ces_report.shell import PageHead
+from ces_report.table import Table, text_table
 from ces_report.typesetting import format_alike
 
 MAX_STEPS = 100_000  # ticks ahead
@@ -238,11 +239,21 @@ class Model(model.Model):
         return pandas.DataFrame(rows, columns=[_plain(Markup(column.heading)) for column in table.columns])
 
     def __repr__(self) -> str:
-        return self._describe() + (f"\n{cost_table(self.evaluations)}" if self.evaluations else "")
+        table = self._cost_table()
+        return self._describe() + (f"\n{table}" if table.rows else "")
 
     def _repr_html_(self) -> str:
-        table = cost_table(self.evaluations).to_html() if self.evaluations else ""
-        return f"<p>{self._describe().replace(chr(10), '<br>')}</p>{table}"
+        table = self._cost_table()
+        return f"<p>{self._describe().replace(chr(10), '<br>')}</p>{table.to_html() if table.rows else ''}"
+
+    def _cost_table(self) -> Table[Any]:
+        """Return the costs of the identification; of a model from a file, those that its provenance names."""
+        if self.evaluations:
+            return cost_table(self.evaluations)
+        known = self.provenance.get(COSTS)
+        named = [row for row in known if isinstance(row, dict)] if isinstance(known, list) else []
+        rows = [[str(row.get(key, "")) for key in ("recording", "role", "J")] for row in named]
+        return text_table(["recording", "role", "J %"], rows, left=2)
 
     def _describe(self) -> str:
         proof = "stability not proved" if self.certificate is None else "proved stable"

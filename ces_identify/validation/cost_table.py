@@ -43,10 +43,9 @@ def cost_table(
 ) -> Table[Evaluation]:
     """Return a table with a row for each evaluation; on a page, names (of a role) are links to their `anchors`.
 
-    Columns: use of the scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the weighted
+    Columns: role and scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the weighted
     J if there are weights, the RMS error, the share of ticks outside the envelope, and that of measured forces inside
-    the band, if the model has one. With `exact` the evaluations are those of the identification itself, whose seconds
-    of estimation and selection are known.
+    the band, if the model has one. With `exact` the evaluations are those of the identification itself.
     """
     ends = [e.interval.high if e.interval else e.cost for e in evaluations if math.isfinite(e.cost)]
     scale = 100.0 / max([*ends, 1e-9])
@@ -85,7 +84,7 @@ def cost_table(
     floors, bands = (any(getattr(e, name) is not None for e in evaluations) for name in ("floor", "coverage"))
     columns: list[Column[Evaluation] | None] = [
         Column("Recording", lambda e: e.name, short="recording", html=link, css="name"),
-        Column("used for", lambda e: _describe_use(e, exact), terminal_only=True),
+        Column("role", lambda e: _describe_use(e, exact), terminal_only=True),
         Column("Role", lambda e: e.role, html=role, page_only=True),
         Column("From–to [s]", span, css="n spare", head_css="n spare", page_only=True),
         Column("Scored [s]", lambda e: f"{e.scored_s:.1f}", css="n spare", head_css="n spare", page_only=True),
@@ -151,13 +150,8 @@ def interval_text(interval: CostInterval | None) -> str:
 
 
 def _describe_use(e: Evaluation, exact: bool) -> str:
-    """Return the use of an evaluation's scored seconds."""
-    if e.role != IDENTIFICATION:
-        return f"test {e.scored_s:.1f} s"
-    if not exact:
-        return "identified on"
-    estimation = float((e.series.scored & estimation_ticks(e.series)).sum()) / e.series.rate_Hz
-    return f"estimation {estimation:.1f} s\nselection {e.scored_s - estimation:.1f} s"
+    """Return the role of an evaluation with its scored seconds; if not `exact`, the identification had others."""
+    return f"{e.role} {e.scored_s:.1f} s" if exact or e.role != IDENTIFICATION else e.role
 
 
 @dataclass(frozen=True)

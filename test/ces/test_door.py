@@ -115,6 +115,14 @@ def test_standard_errors_cover_the_truth():
     assert abs(a[0] - b[0]) < 4.0 * np.hypot(a[1], b[1]) and 0.0 < a[1] < 0.05 * abs(a[0])
 
 
+def test_a_model_from_a_file_shows_the_costs_of_its_identification(model):
+    row = {"recording": "noise", "role": "identification", "J": 4.94}
+    known = replace(model, provenance={"cost_J_percent": [row, {**row, "role": "validation", "J": None}]})
+    assert repr(known).splitlines()[-2].split() == ["noise", "identification", "4.94"]
+    assert "<td" in known._repr_html_()
+    assert repr(replace(model, provenance={"cost_J_percent": 3})) == model._describe()
+
+
 def test_steady_forces_follow_speed_and_current(model):
     pytest.importorskip("pandas")
     forces = model.force_speed([0.3, 0.7], [-0.4, 0.4])

@@ -103,7 +103,7 @@ def test_validate_knows_a_copy_of_what_the_model_was_identified_on(bags, capsys)
     shown = capsys.readouterr()
     assert "warning: copy: the model was identified on seconds of this recording (as 'one')" in shown.err
     assert "two: the model was identified" not in shown.err
-    assert "identified on" in shown.out
+    assert " identification " in shown.out and " validation " in shown.out  # the roles of the page
 
 
 def test_validate_names_wrong_signs_and_ranges_outside(bags, tmp_path, capsys):

@@ -170,3 +170,13 @@ def test_a_diagnosis_does_not_fit_for_an_hour_unasked(monkeypatch: pytest.Monkey
     assert not fixed.competed and "the parameters keep their values" in fixed.notes[0]
     asked = free_parameters(simulation("knee"), "knee", recordings, True, (), None, ["knee_m_s"])
     assert [p.name for p in asked.freed] == ["knee_m_s"]
+
+
+def test_a_diagnosis_keeps_calibrated_values_unless_they_are_named() -> None:
+    """They were fitted again, within ten times what the calibration had found."""
+    recordings = [record("knee", {"knee_m_s": 0.2}, 1, seconds=6.0)]
+    calibrated = simulation("knee").with_values({"knee_m_s": 0.104})
+    held = free_parameters(calibrated, "knee", recordings, True, (), None)
+    assert held.simulation is calibrated and not held.competed and "the calibrated values are kept" in held.notes[0]
+    asked = free_parameters(calibrated, "knee", recordings, True, (), None, ["knee_m_s"])
+    assert [p.name for p in asked.freed] == ["knee_m_s"]

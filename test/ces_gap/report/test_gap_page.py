@@ -350,3 +350,17 @@ def test_the_closest_effect_is_the_same_in_the_sentence_the_bars_and_the_key_fig
         assert f"the closest, {name}," in text and not any(name in bar.label for bar in gap_steps.controls)
         assert words(classed(page, "closed")[0]).startswith(f"{left} %")
         assert not [row for row in cause_rows(told) if row.css == "named"]
+
+
+def test_the_parts_of_a_diagnosis_print_a_few_lines_and_a_table():
+    """They printed up to 20 kB of records within records."""
+    for d in (named(), pair(), ambiguous(), unknown(), no_gap()):
+        for part in (d.causes, d.composition, d.next_experiment):
+            assert part is None or (0 < len(repr(part).splitlines()) < 12 and len(repr(part)) < 1500)
+            assert part is None or part._repr_html_().startswith("<p>")
+    d = ambiguous()
+    assert "friction (Coulomb)" in repr(d.causes) and "rise 21 ms [17 to 26]" in repr(d.composition)
+    assert repr(d.next_experiment).splitlines()[1:] == [
+        "separates valve lag and current hysteresis by 31.0 N RMS", "20 s, -20 to 20 mm, 0.3 to 1.2 A"
+    ]  # fmt: skip
+    assert repr(no_gap().composition) == "no effect" and d.causes[0] in d.causes[:2]
