@@ -68,14 +68,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 142.1,
-    "ces_data": 109.7,
+    "ces_data": 112,
     "ces_report": 13.9,
     "ces_identify": 179.4,
     "ces_rig": 71.9,
     "ces_gap": 128.6,
     "ces_cli": 71.2,
     "bench": 72.4,
-    "test": 471.8,
+    "test": 473.3,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
