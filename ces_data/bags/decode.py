@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from rosbags.interfaces.typing import FieldDesc
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
+from ces_data.limits import RecordingLimits
 from ces_observer.cdr.layout import (
     ArrayPart,
     CdrUnsupportedError,
@@ -165,10 +166,15 @@ def element_name(message: object, path: FieldPath) -> str:
     names, value = [], message
     for step, element in path.steps:
         parent, value = value, getattr(value, step, None)
-        if isinstance(element, int) and value is not None:
-            listed = next((getattr(parent, key) for key in NAMES_BESIDE if len(getattr(parent, key, ()))), ())
-            names += [str(listed[element])] if element < len(listed) else []
-            value = value[element] if element < len(value) else None
+        if element is None or value is None:
+            continue
+        listed = next((list(getattr(parent, key)) for key in NAMES_BESIDE if len(getattr(parent, key, ()))), [])
+        if isinstance(element, str):
+            at = listed.index(element) if element in listed else len(value)
+        else:
+            at = element
+            names += [str(listed[at])] if at < len(listed) else []
+        value = value[at] if at < len(value) else None
     return ".".join(names)
 
 
@@ -212,6 +218,7 @@ class MessageDecoder:
         self._others: list[Counter[str]] = [Counter() for _ in self.paths]
         self._layouts: dict[int, list[MessageLayout]] = {}
         self._one_by_one: set[int] = set()
+        self.count = 0  # messages so far
 
     @property
     def reasons(self) -> list[str]:
@@ -227,6 +234,13 @@ class MessageDecoder:
     def others(self) -> list[Counter[str]]:
         """How many messages call the element otherwise; these have no number."""
         return self._others[len(self.stamp) :]
+
+    def mixed(self) -> Iterator[tuple[str, str]]:
+        """Yield the fields that another element has in 1 % of the messages so far, and what the messages call them."""
+        for path, name, others in zip(self.fields, self.names, self.others, strict=True):
+            if others.total() >= max(1, RecordingLimits.CONTRADICTED_SHARE * self.count):
+                listed = ", ".join(f"'{other}' in {n}" for other, n in others.most_common(3))
+                yield path.text, f"is '{name}' first, and {listed} of {self.count} messages"
 
     def _name_of(self, raw: bytes, path: FieldPath) -> str:
         if not any(isinstance(element, int) for _, element in path.steps):
@@ -248,6 +262,7 @@ class MessageDecoder:
         if not self._begun and len(block):
             self._begun, first = True, block.payload(0)
             self._names = [self._name_of(first, path) for path in self.paths]
+        self.count += len(block)
         values = np.full((len(block), len(self.paths)), np.nan)
         present = np.zeros(values.shape, dtype=np.bool_)
         for length in map(int, np.unique(block.lengths)):

@@ -43,13 +43,17 @@ NUMBERS = {"float32", "float64", *(f"{sign}int{bits}" for sign in ("", "u") for 
 
 @dataclass(frozen=True)
 class FieldSeries:
-    """The numbers at one field of a topic: `stamps_ns` int64 and `values` float64, both (n,), as `read_recording`."""
+    """The numbers at one field of a topic: `stamps_ns` int64 and `values` float64, both (n,), as `read_recording`.
+
+    `element` is what the messages call an element that the field takes by index.
+    """
 
     topic: str
     type: str
     field: str
     stamps_ns: Stamps
     values: Values
+    element: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,7 @@ def read_fields(path: Path) -> BagFields:
             if len(samples) + len(skipped) == len(topics) and all(s.count >= MAX_SAMPLES for s in samples.values()):
                 break
         shift_ns = _shift_of(samples)
+        skipped |= {f"{name} {field}": why for name in samples for field, why in samples[name].decoder.mixed()}
         series = tuple(one for name in samples for one in _list_series(topics[name], samples[name], shift_ns))
         return BagFields(series, bag.topics, skipped)
 
@@ -170,7 +175,8 @@ def _list_series(topic: Topic, samples: TopicSamples, shift_ns: int = 0) -> Iter
         return
     header_ns, log_ns, values, _ = samples.join()
     stamps = header_ns if header_ns.any() else log_ns - shift_ns
-    for path, numbers in zip(samples.decoder.fields, values.T, strict=True):
+    mixed = dict(samples.decoder.mixed())
+    for path, numbers, element in zip(samples.decoder.fields, values.T, samples.decoder.names, strict=True):
         present = np.isfinite(numbers)
-        if present.any():
-            yield FieldSeries(topic.name, topic.type, path.text, stamps[present], numbers[present])
+        if present.any() and path.text not in mixed:
+            yield FieldSeries(topic.name, topic.type, path.text, stamps[present], numbers[present], element)

@@ -83,7 +83,7 @@ def _join(parts: Sequence[FieldSeries], offsets: Sequence[int]) -> Candidate:
     where = "from the field's name" if unit else "from the topic's name"
     return Candidate(
         label=f"{sample.topic} {sample.field}",
-        names=(field_name, topic_name, sample.type.rpartition("/")[2]),
+        names=(*filter(None, [sample.element]), field_name, topic_name, sample.type.rpartition("/")[2]),
         stamps_ns=np.concatenate([part.stamps_ns + offset for part, offset in zip(parts, offsets, strict=True)]),
         values=np.concatenate([part.values for part in parts]),
         kind=sample.type,

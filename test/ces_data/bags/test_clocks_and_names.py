@@ -192,3 +192,30 @@ def test_mcap_of_json_is_refused_by_the_import_for_what_it_is(tmp_path):
         RecordingError, match=r"are encoded as 'json', expected cdr; write their numbers as a CSV table"
     ):
         refuse_bag(tmp_path / "log.mcap")
+
+
+INTERFACES = (
+    "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values\n"
+    + "=" * 80
+    + "\nMSG: control_msgs/InterfaceValue\nstring[] interface_names\nfloat64[] values\n"
+)
+
+
+def test_interfaces_of_a_joint_whose_order_changes_are_named_and_not_mixed(tmp_path):
+    store, kind = get_typestore(Stores.ROS2_JAZZY), "control_msgs/msg/DynamicJointState"
+    store.register(get_types_from_msg(INTERFACES, kind))
+
+    def state(k):
+        names = ["position", "effort"] if k < 300 else ["effort", "position"]
+        of = store.types["control_msgs/msg/InterfaceValue"](
+            names, np.array([{"position": 0.1, "effort": 9.0}[n] for n in names])
+        )
+        return store.types[kind](tiny.header(int(LOGGED[k])), ["damper"], [of])
+
+    rows = [(int(LOGGED[k]), state(k)) for k in range(COUNT)]
+    path = tiny.write(tmp_path / "bag", [("/states", kind, rows), *tiny.drive()], store=store)
+    field = "interface_values[damper].values[0]"
+    signals = {"position": {"topic": "states", "type": kind, "field": field}}
+    with pytest.raises(RecordingError, match=r"is 'position' first, and 'effort' in 300 of 600 messages"):
+        read_recording(path, Signals.from_mapping(signals, "signals.yaml"), need=("position",))
+    assert "and 'effort' in 300 of 600 messages" in propose_signals([path]).skipped[f"/states {field}"]
