@@ -83,6 +83,11 @@ class Scaling:
             raise MappingError("scale is 0; expected the factor from the logged unit to SI")
         unit, quantities = find_unit(self.unit) if self.unit else None, QUANTITIES.get(name, ())
         alone = (self.given_scale, self.given_offset) == (None, None)
+        if name == "current" and unit is not None and unit.quantity == "voltage":
+            volts = f"{unit.scale:g} takes volts in its place"
+            raise MappingError(
+                f"unit is {self.unit!r}, no current; give its scale in A per {unit.text} (scale: {volts})"
+            )
         if self.unit and (unit is None or unit.quantity not in quantities or not alone):
             expected = f"that of a {' or '.join(quantities)}, without scale and offset"
             raise MappingError(f"unit is {self.unit!r}; expected {expected}")

@@ -315,13 +315,13 @@ class _MappingWriter:
         parts = [f"column: {_key_text(column.key)}"]
         if column.group is not None:
             parts.append(f"group: {_key_text(column.group)}")
-        if unit is not None and choice.scale == unit.scale:
+        if unit is not None and choice.scale == unit.scale and unit.quantity != "voltage":
             plain = unit.text.isalpha() and unit.text not in ("N", "n", "y", "Y")  # truth values in YAML 1.1
             parts.append(f"unit: {unit.text if plain else _quote(unit.text)}")
         else:
             parts.append(f"scale: {_format_number(choice.scale)}")
             parts += [f"offset: {_format_number(choice.offset)}"] if choice.offset else []
-            remark = f"  # {describe_scale(choice)}"
+            remark = f"  # {describe_scale(choice) or (unit.text if unit else 'SI')}"
         return f"{choice.signal}: {{{', '.join(parts)}}}{remark}"
 
     def _column(self, candidate: Candidate) -> LogColumn:

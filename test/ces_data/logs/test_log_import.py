@@ -217,6 +217,15 @@ def test_a_column_in_a_unit_of_force_is_no_current(tmp_path):
     )
 
 
+def test_volts_are_a_current_only_with_a_scale(tmp_path):
+    """They were taken, and printed as A."""
+    text = "t,x,i,F\n0,1,2,3\n1,1,2,3\n"
+    volts = MAPPED.replace("column: i", "column: i, unit: V")
+    assert "current: unit is 'V', no current; give its scale in A per V" in failure(tmp_path, text, volts)
+    scaled = log(tmp_path, text, MAPPED.replace("column: i", "column: i, scale: 0.5"))
+    assert scaled.channel("current").values.tolist() == [1.0, 1.0]
+
+
 @pytest.mark.parametrize(
     ("content", "map_text", "phrase"),
     [
