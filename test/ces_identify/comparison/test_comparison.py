@@ -73,7 +73,7 @@ def at_rate(rate_Hz):
         (["a.json", "b/c.json"], ["a", "c"]),
         (["one/model.json", "two/model.json", "other.json"], ["one/model", "two/model", "other"]),
         (["x/one/m.json", "y/one/m.json"], ["x/one/m", "y/one/m"]),
-        (["damper.fmu", "module:force", "topic:/p"], ["damper", "module:force", "p"]),
+        (["damper.fmu", "module:force", "topic:/p"], ["damper.fmu", "module:force", "p"]),
     ],
 )
 def test_names_are_short_and_differ(sources, names):
@@ -111,11 +111,11 @@ def test_a_held_force_has_its_cost_and_is_named(sine):
 
 
 def test_a_recording_beyond_the_envelope_is_named(sine):
-    narrow = replace(MODEL, envelope=replace(MODEL.envelope, position_m=(-0.01, 0.01)))
+    narrow = replace(MODEL, envelope=replace(MODEL.envelope, speed_m_s=(-0.01, 0.01)))
     found = compare_models({"a": MODEL, "b": narrow}, sine)
     (note,) = (note for note in found.notes() if "envelope of b" in note)
     assert note.startswith("sine_4hz leaves the envelope of b for ")
-    assert "position -0.018" in note and "model knows -0.01" in note
+    assert "speed -" in note and "model knows -0.01" in note
 
 
 def test_a_simulation_without_provenance_is_not_called_tested(sine):

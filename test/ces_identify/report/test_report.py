@@ -363,7 +363,7 @@ def test_several_validation_recordings_are_told_together(tmp_path, both):
 
 
 def test_many_recordings_outside_the_envelope_have_one_warning(tmp_path):
-    narrow = model(envelope=replace(WIDE, position_m=(-0.001, 0.001)))
+    narrow = model(envelope=replace(WIDE, speed_m_s=(-0.001, 0.001)))
     ran = [evaluate(narrow, [damper(f"run_{n}", seed=n)], VALIDATION)[0] for n in range(4)]
     few, _ = page(tmp_path, ran[:3], narrow)
     assert few.count('class="warning"') == 3
