@@ -94,8 +94,8 @@ def fill_with_mistakes(here: Path, shared_model: SharedResults) -> None:
         change(raw)
         (here / name).write_text(json.dumps(raw))
     (here / "cut.json").write_text(shared_model.model.read_text()[:200])
-    body = Polynomial((Term(1200.0, (Factor("speed", 0),)),))
-    narrow = Model(make_sampling(200.0, 0.02), body, Envelope((-0.05, 0.05), (3.0, 4.0), (0.0, 2.0)), (-3e4, 3e4))
+    body = Polynomial((Term(1200.0, (Factor("speed", 0),)), Term(1.0, (Factor("current", 0),))))
+    narrow = Model(make_sampling(200.0, 0.02), body, Envelope((-0.05, 0.05), (-2.0, 2.0), (1.5, 2.0)), (-3e4, 3e4))
     narrow.save(here / "narrow.json")
     (here / "empty").mkdir()
     for name in ("mine_on_two", "model_on_two", "model_on_one", "model_and_law-force_on_one_and_two"):
