@@ -13,6 +13,7 @@ from functools import lru_cache
 from itertools import chain
 from math import isfinite
 from numbers import Real
+from operator import index
 from pathlib import Path
 from typing import NamedTuple
 
@@ -197,7 +198,7 @@ class Estimator:
         for what is no number.
         """
         try:
-            withheld = self._step(stamp_ns, position_m, current_A, motion)
+            withheld = self._step(index(stamp_ns), position_m, current_A, motion)
         except TypeError:
             raise _explain_types(stamp_ns, position_m=position_m, current_A=current_A, motion=motion) from None
         if withheld or self.is_late:
