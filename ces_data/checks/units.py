@@ -113,7 +113,8 @@ def _position(stroke: float, motion: RecordedMotion | None, force: float) -> Ite
         or rms > DamperLimits.MAX_RMS_M_S
         or acceleration > DamperLimits.MAX_M_S2
     ):
-        text = f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper"
+        fast = f" at speeds up to {speed:.3g} m/s" if motion is not None else ""
+        text = f"position: spans {stroke:.4g} m{fast}, more than any damper"
         yield Finding(WRONG_MODEL, f"{text}; {_name_scales(LENGTHS, fits)}", "position")
     elif rms > DamperLimits.USUAL_RMS_M_S or stroke > DamperLimits.LONG_STROKE_M:
         text = f"position: spans {stroke:.3g} m and moves at {rms:.2g} m/s on average (RMS), which few dampers do"
