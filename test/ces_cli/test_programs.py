@@ -58,7 +58,7 @@ def test_validate_and_identify_agree_on_the_cost(work: Path, capsys: pytest.Capt
     printed = text_of(capsys, "validate", "model.json", "two", "--report", "v.html")
     assert format_within(expected, *document["ci95_percent"])[0] in printed.split()
     assert "band %" in printed and "meant to hold 90 % of the measured forces" in printed
-    share = float(next(line for line in printed.splitlines() if "test" in line and "two" in line).split()[-1])
+    share = float(next(line for line in printed.splitlines() if "validation" in line and "two" in line).split()[-1])
     model = load_model("model.json")
     series = prepare(read_recording(Path("two"), Signals.from_mapping({}, "defaults")), model.sampling)
     assert share == pytest.approx(100.0 * evaluate(model, [series], VALIDATION)[0].coverage, abs=0.06)
@@ -162,7 +162,7 @@ def test_validate_counts_the_held_ticks_in_j_and_in_the_table(capsys):
     assert ces("validate", "m.json", "servo") == 0
     out, err = capsys.readouterr()
     (line,) = (line for line in err.splitlines() if line.startswith(TELLS))
-    (row,) = (row.split() for row in out.splitlines() if row.split()[:2] == ["servo", "test"])
+    (row,) = (row.split() for row in out.splitlines() if row.split()[:2] == ["servo", "validation"])
     (document,) = document_of(capsys, "validate", "m.json", "servo")["recordings"]
     assert 20.0 < document["J_percent"] < 80.0
     assert format_within(document["J_percent"], *document["ci95_percent"])[0] in row

@@ -123,7 +123,7 @@ def test_folds_are_in_the_model_and_no_test_second_is_in_them_twice(work):
 def test_identify_prints_the_folds_and_the_use_of_seconds(work, capsys):
     out = text_of(capsys, "identify", "one", "--folds", 2, "--out", "folds.json", "--terms", 2, *SEARCH)
     assert "0.0-4.5 s" in out and "4.5-9.0 s" in out and "spread" in out
-    assert re.search(r"estimation \d+\.\d s", out) and re.search(r"test \d+\.\d s", out)
+    assert re.search(r"identification \d+\.\d s", out) and re.search(r"validation \d+\.\d s", out)
     assert "of every 3 s of identification data" in out
 
 
