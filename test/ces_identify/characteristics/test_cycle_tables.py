@@ -167,5 +167,5 @@ def test_the_packaged_experiment_shows_all_of_it():
     assert len(results.work) == 20
     assert min(row.cycles for row in results.work) >= 3
     assert {(r.change, r.direction) for r in results.responses if r.steps >= 5} == {
-        (change, direction) for change in ("up", "down") for direction in ("compression", "rebound")
+        (change, direction) for change in ("soft to hard", "hard to soft") for direction in ("compression", "rebound")
     }

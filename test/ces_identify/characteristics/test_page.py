@@ -9,8 +9,9 @@ from browser import find_faults
 from dyno_recordings import recording_of, sine_motion, triangle_motion
 
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import MAX_ROWS, choose_rows, format_page, peak_table, write_characteristics
+from ces_identify.characteristics.page import format_page, write_characteristics
 from ces_identify.characteristics.rows import TABLES
+from ces_identify.characteristics.tables import MAX_ROWS, choose_rows, peak_table
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_report.shell import PageHead
 from ces_report.typesetting import format_spread
@@ -55,7 +56,14 @@ def test_tables_have_documented_columns_in_si_units(results, tmp_path):
 def test_the_page_shows_measured_beside_simulated(results):
     page = format_page(results, PageHead(command="ces characterise dyno --model law"))
     assert len(page) < 1_500_000
-    for text in ("peak velocity pick-up", "Work per cycle", "Response of the valve", "law [N]"):
+    for text in (
+        "Force over current",
+        "magnetic hysteresis",
+        "Range and ratio",
+        "Work per cycle",
+        "Response of the valve",
+        "law [N]",
+    ):
         assert text in page
     assert "0.3 A, law" in page
     assert "ces characterise dyno --model law" in page
