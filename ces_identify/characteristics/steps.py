@@ -12,7 +12,7 @@ least.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -57,12 +57,13 @@ class CurrentStep:
 class ReadStep:
     """A row of the table of steps and the normalised force at TRACE_S, NaN after a change; None if it was not read.
 
-    `noise` is the RMS of the noise of the force as a share of its change.
+    `noise` is the RMS of the noise of the force as a share of its change; `lasts_s` is how long it is read.
     """
 
     row: StepResponse
-    trace: F | None
-    noise: float
+    trace: F | None = None
+    noise: float = np.nan
+    lasts_s: float = np.nan
 
 
 def read_steps(
@@ -74,9 +75,10 @@ def read_steps(
             key = {"recording": motion.name, **{name: value for name, value in vars(step).items() if name != "at"}}
             for source in sources:
                 response = time_step(stretch, step, stretch.forces[source], motion.force_noise_N, rules)
-                columns, trace = ({"note": response}, None) if isinstance(response, str) else response
-                row = StepResponse(source=source, **key, **columns)
-                yield ReadStep(row, trace, motion.force_noise_N / abs(row.after_N - row.before_N))
+                if isinstance(response, str):
+                    yield ReadStep(StepResponse(source=source, **key, note=response))
+                else:
+                    yield replace(response, row=replace(response.row, source=source, **key))
 
 
 def find_steps(stretch: Stretch, tolerance_A: float, start: float) -> list[CurrentStep]:
@@ -95,10 +97,8 @@ def find_steps(stretch: Stretch, tolerance_A: float, start: float) -> list[Curre
     return steps
 
 
-def time_step(
-    stretch: Stretch, step: CurrentStep, force: F, noise_N: float, rules: BenchRules
-) -> tuple[dict[str, Any], F] | str:
-    """Return the columns and the trace of the response of `force` (n,) to a step, or why none can be read."""
+def time_step(stretch: Stretch, step: CurrentStep, force: F, noise_N: float, rules: BenchRules) -> ReadStep | str:
+    """Return the response of `force` (n,) to a step, or why none can be read."""
     rate, v = stretch.rate_Hz, stretch.speed
     a, end = step.at - round(StepLimits.BEFORE_S * rate), min(step.at + round(StepLimits.MAX_AFTER_S * rate), len(v))
     if a < 0:
@@ -118,8 +118,8 @@ def time_step(
     return _read_response(y, t, step.at - a, speed, noise_N, rules.settled_for_ms)
 
 
-def _read_response(y: F, t: F, at: int, speed: float, noise_N: float, stay_ms: float) -> tuple[dict[str, Any], F] | str:
-    """Return the columns and the trace of a force y (n,) at times t [s] from the step, which is at sample `at`."""
+def _read_response(y: F, t: F, at: int, speed: float, noise_N: float, stay_ms: float) -> ReadStep | str:
+    """Return the response of a force y (n,) at times t [s] from the step, which is at sample `at`."""
     last = max((len(y) - at) // 3, 2)
     before, after = float(y[:at].mean()), float(y[-last:].mean())
     change = after - before
@@ -132,29 +132,27 @@ def _read_response(y: F, t: F, at: int, speed: float, noise_N: float, stay_ms: f
         return "the force is not steady before the step, or has not settled before the speed or the current changes"
     share = (y - before) / change
     shares = median_filter(share, 3)
-    margin, stay = (
-        max(StepLimits.MIN_DIP, DynoLimits.BEYOND_NOISE * noise_N / abs(change)),
-        max(stay_ms / 1e3, t[1] - t[0]),
-    )
-    t63, t90 = (_find_reached(t[at - 1 :], shares[at - 1 :], s, stay, margin) for s in (0.632, 0.9))
+    noise, stay = noise_N / abs(change), max(1e-3 * stay_ms, float(t[1] - t[0]))
+    margin = max(StepLimits.MIN_DIP, DynoLimits.BEYOND_NOISE * noise)
+    t63, t90 = (_find_reached(t[at - 1 :], shares[at - 1 :], s, stay, noise, margin) for s in (0.632, 0.9))
     t10, t28 = (_find_left(t[at - 1 :], shares[at - 1 :], s, t63, margin) for s in (0.1, 0.283))
-    fall = float((np.maximum.accumulate(np.maximum(shares[at:], 0.0)) - shares[at:]).max())
+    fall = float((np.maximum.accumulate(np.clip(shares[at:], 0.0, 1.0)) - shares[at:]).max())
     if not t63 <= StepLimits.MAX_T63_SHARE * t[-1]:
         return "the response is too slow for the time at a constant speed"
     constant = 1.5 * (t63 - t28)
-    columns = {
-        "direction": COMPRESSION if speed > 0.0 else REBOUND,
-        "speed_m_s": speed,
-        "before_N": before,
-        "after_N": after,
-        "time_63_s": t63,
-        "time_90_s": t90,
-        "dip": fall if fall > margin else 0.0,
-        "dead_time_s": t63 - constant,
-        "time_constant_s": constant,
-        "rise_s": t90 - t10,
-    }
-    return columns, np.asarray(np.interp(TRACE_S, t, share, right=np.nan))
+    row = StepResponse(
+        direction=COMPRESSION if speed > 0.0 else REBOUND,
+        speed_m_s=speed,
+        before_N=before,
+        after_N=after,
+        time_63_s=t63,
+        time_90_s=t90,
+        dip=fall if fall > margin else 0.0,
+        dead_time_s=t63 - constant,
+        time_constant_s=constant,
+        rise_s=t90 - t10,
+    )
+    return ReadStep(row, np.asarray(np.interp(TRACE_S, t, share, right=np.nan)), noise, float(t[-1]))
 
 
 def _plateau_pairs(stretch: Stretch, tolerance_A: float) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
@@ -199,7 +197,7 @@ def _drift(y: F) -> float:
     return float(y[middle:].mean() - y[:middle].mean())
 
 
-def _find_reached(t: F, y: F, share: float, stay_s: float, margin: float) -> float:
+def _find_reached(t: F, y: F, share: float, stay_s: float, noise: float, margin: float) -> float:
     """Return when y (n,) reaches `share` and stays for `stay_s`, to `margin`; infinite if never."""
     window = max(int(np.searchsorted(t, t[0] + stay_s)), 1)
     lowest = np.array([y[k : k + window].min() for k in range(len(y))])
@@ -207,7 +205,9 @@ def _find_reached(t: F, y: F, share: float, stay_s: float, margin: float) -> flo
     if not len(stays):
         return np.inf
     first = int(stays[0])
-    below = np.flatnonzero(y[first : first + window] < share)  # noise about the share: the middle of both crossings
+    clear = y[first : first + window] >= share + BEYOND * noise
+    end = first + int(clear.argmax()) if clear.any() else first + window
+    below = np.flatnonzero(y[first:end] < share)  # noise about the share: the middle of both crossings
     last = first if not len(below) else min(first + int(below[-1]) + 1, len(y) - 1)
     return 0.5 * (_between(t, y, first, share) + _between(t, y, last, share))
 
@@ -263,7 +263,7 @@ def average_steps(group: Sequence[ReadStep], rules: BenchRules) -> tuple[ValveRe
         change=HARDER if change * key["speed_m_s"] > 0.0 else SOFTER,
         force_change_N=change,
         **times,
-        **_read_end(traces, noise, doubt, rules),
+        **_read_end(traces, noise, doubt, min(step.lasts_s for step in group), rules),
         dips=sum(step.row.dip > 0.0 for step in group),
         note=f"fewer than {DynoLimits.MIN_REPEATS} steps: no interval" if few else "",
     )
@@ -275,14 +275,16 @@ def average_steps(group: Sequence[ReadStep], rules: BenchRules) -> tuple[ValveRe
     return response, points
 
 
-def _read_end(traces: F, noise: float, doubt_s: float, rules: BenchRules) -> dict[str, Any]:
+def _read_end(traces: F, noise: float, doubt_s: float, lasts_s: float, rules: BenchRules) -> dict[str, Any]:
     """Return overshoot and settling of the mean of traces (n, times), with intervals by jackknife.
 
-    `noise` is that of a trace, a share of the change. Few steps have no interval.
+    `noise` is that of a trace, a share of the change. Few steps have no interval. A settling later than the middle of
+    what is read is not known: the end is not settled enough to measure it by.
     """
     count = len(traces)
     left = noise * SMOOTH_GAIN / np.sqrt(count)
     overshoot, settled = _overshoot_and_settling(traces.mean(axis=0), left, rules)
+    settled = settled if settled <= StepLimits.MAX_SETTLED_SHARE * lasts_s else np.nan
     columns = {"overshoot": overshoot, "settled_s": settled}
     if count < DynoLimits.MIN_REPEATS:
         return columns
@@ -291,7 +293,7 @@ def _read_end(traces: F, noise: float, doubt_s: float, rules: BenchRules) -> dic
     )
     sd = np.sqrt((count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
     reach = student.ppf(0.5 + ErrorLimits.LEVEL / 2, count - 1) * sd
-    return columns | {"overshoot_ci95": float(reach[0]), "settled_ci95_s": float(reach[1] + doubt_s)}
+    return columns | {"overshoot_ci95": float(reach[0]), "settled_ci95_s": float(reach[1] + doubt_s) + 0.0 * settled}
 
 
 def _overshoot_and_settling(trace: F, noise: float, rules: BenchRules) -> tuple[float, float]:
