@@ -32,6 +32,7 @@ from ces_identify.characteristics.page import PAGE, write_characteristics
 from ces_identify.characteristics.rows import Characteristics
 from ces_identify.characteristics.rules import load_rules
 from ces_identify.characteristics.tables import judged_table, peak_table, range_table, response_table, work_table
+from ces_identify.characteristics.workbook import missing_packages
 from ces_identify.comparison.comparison import name_sources
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError, OptionName
@@ -39,7 +40,7 @@ from ces_observer.records import declare
 from ces_report.shell import PageHead
 from ces_report.table import Table
 
-FOLDER = f"folder for the page ({PAGE}) and a CSV file for each table"
+FOLDER = f"folder for the page ({PAGE}), CSV files, a workbook and figures"
 MAX_ROWS = 24  # of a table in the terminal
 
 
@@ -84,8 +85,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         command, recorded = terminal.command_line("characterise", argv), describe_days(recordings.values())
         head = PageHead(request.title, request.note, command, recorded)
         with terminal.step(f"writing {request.out}"):
-            page, *tables = write_characteristics(request.out, results, head)
-        terminal.err.print(f"{page} and {len(tables)} CSV files", highlight=False, soft_wrap=True)
+            page, *others = write_characteristics(request.out, results, head)
+        for line in filter(None, (f"{page} and {len(others)} files beside it", missing_packages())):
+            terminal.err.print(line, highlight=False, soft_wrap=True)
     if request.json:
         print_document("characterise", {**asdict(results), "findings": findings})
     else:

@@ -180,9 +180,9 @@ def current_chart(results: Characteristics) -> Plot:
     for (source, *_), curve in sorted(curves.items(), key=lambda item: results.sources.index(item[0][0])):
         name, css = palette.style(source, _nominal_speed(curve))
         current, force = _values(curve, "current_A"), _values(curve, "force_N")
-        up, down = (np.where(np.isfinite(y), y, force) for y in (_values(curve, n) for n in ("raised_N", "lowered_N")))
-        x, y = (np.concatenate([there, back[::-1]]) for there, back in ((current, current), (up, down)))
-        marks.append(PlotLine(name, x, y, css, group=source))
+        for branch in ("raised_N", "lowered_N"):
+            one = _values(curve, branch)
+            marks.append(PlotLine(name, current, np.where(np.isfinite(one), one, force), css, group=source))
         if source == MEASURED:
             marks.append(PlotDots(name, current, force, f"{css} spot", source))
     text = "Force over current, a curve for each speed, compression above and rebound below zero."
@@ -194,14 +194,15 @@ def current_chart(results: Characteristics) -> Plot:
 def range_chart(results: Characteristics) -> Plot:
     """Return range and ratio of hard and soft over speed, by direction and source."""
     areas = []
-    for label, name in (("Range hard - soft [N]", "range_N"), ("Ratio hard / soft", "ratio")):
+    for label, name in (("Range hard \N{MINUS SIGN} soft [N]", "range_N"), ("Ratio hard / soft", "ratio")):
         marks: list[PlotMark] = []
         for n, (direction, source) in enumerate((d, s) for s in results.sources for d in DIRECTIONS):
             rows = [row for row in results.ranges if (row.direction, row.source) == (direction, source)]
             rows.sort(key=lambda row: abs(row.speed_m_s))
             x, y, title = np.abs(_values(rows, "speed_m_s")), _values(rows, name), f"{direction}, {source}"
             marks += [PlotLine(title, x, y, series_css(n)), PlotDots(title, x, y, f"{series_css(n)} spot")]
-        areas.append(PlotArea(label.replace(" - ", " \N{MINUS SIGN} "), marks, height=170))
+        reach = max((getattr(row, name) for row in results.ranges if np.isfinite(getattr(row, name))), default=1.0)
+        areas.append(PlotArea(label, marks, height=170, y_range=(min(0.0, reach), 1.1 * abs(reach))))
     text = "Difference and ratio of the forces at the hardest and the softest current over speed."
     return Plot("range", "Range and ratio over speed", text, SPEED, areas, width=900.0)
 

@@ -6,7 +6,7 @@ tables by which rule their numbers are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 from ces_data.config_file import read_yaml_mapping
 from ces_identify.limits import DynoLimits
 from ces_observer.errors import CesError
-from ces_observer.records import choice, part, quantity, read_record
+from ces_observer.records import choice, part, quantity, read_record, walk_record
 
 ALL_CYCLES, LAST_CYCLE = "all", "last"
 PEAK_SPEED, CENTRE = "peak_speed", "centre"
@@ -107,3 +107,10 @@ def load_rules(rules: RulesInput) -> BenchRules:
     if isinstance(rules, Mapping):
         return read_record(BenchRules, rules, "rules", CesError)
     return read_record(BenchRules, read_yaml_mapping(Path(rules), WHAT), str(rules), CesError)
+
+
+def list_rules(rules: BenchRules) -> Iterator[tuple[str, str, str, str]]:
+    """Yield key, value, unit and meaning of every rule; a limit that is not given is empty."""
+    for key, value, field in walk_record(rules):
+        text = ", ".join(map(str, value)) if isinstance(value, tuple) else "" if value is None else str(value)
+        yield key, text, field.unit, field.meaning

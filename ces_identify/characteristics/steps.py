@@ -140,6 +140,7 @@ def _read_response(y: F, t: F, at: int, speed: float, noise_N: float, stay_ms: f
     if not t63 <= StepLimits.MAX_T63_SHARE * t[-1]:
         return "the response is too slow for the time at a constant speed"
     constant = 1.5 * (t63 - t28)
+    t90 = t90 if np.isfinite(t90) else np.nan
     row = StepResponse(
         direction=COMPRESSION if speed > 0.0 else REBOUND,
         speed_m_s=speed,

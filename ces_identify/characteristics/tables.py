@@ -43,19 +43,26 @@ def peak_table(results: Characteristics) -> Table[PeakForce]:
 
 def range_table(results: Characteristics) -> Table[ControlRange]:
     """Return a row for each speed and direction: what the valve can do, and each simulation's range."""
-    names = ("direction", "speed_m_s", "soft_A", "hard_A", "soft_N", "hard_N", "range_N", "ratio", "hysteresis_N")
+    names = ["direction", "speed_m_s", "soft_A", "hard_A", "soft_N", "hard_N", "range_N", "ratio"]
+    names += ["hysteresis_N"] * _has_branches(results)
     columns = columns_of(ControlRange, *names)
     columns += _list_simulated(results, results.ranges, "range_N", "difference_N")
-    title = "Range from the softest to the hardest current, ratio of the two forces, largest magnetic hysteresis."
+    title = "Range from the softest to the hardest current (± half the 95 % interval)."
     return Table(columns, _select_measured(results.ranges), title)
 
 
 def current_table(results: Characteristics) -> Table[CurrentForce]:
     """Return a row for each speed, direction and current: linearity, and hysteresis between the branches."""
     columns = columns_of(CurrentForce, "direction", "speed_m_s", "current_A", "cycles", "force_N", "linearity")
-    columns += columns_of(CurrentForce, "raised_N", "lowered_N", "width_N", "width_share")
+    if _has_branches(results):
+        columns += columns_of(CurrentForce, "raised_N", "lowered_N", "width_N", "width_share")
     columns += _list_simulated(results, results.over_current, "force_N", "difference_N")
     return Table(columns, _select_measured(results.over_current))
+
+
+def _has_branches(results: Characteristics) -> bool:
+    """Return whether some current was reached from both sides."""
+    return any(not math.isnan(row.width_N) for row in results.over_current)
 
 
 def judged_table(results: Characteristics) -> Table[Judgement]:
