@@ -81,7 +81,9 @@ def characterise(
         name: list(source) if isinstance(source, Sequence) else [source.force(recording) for recording in given]
         for name, source in (simulations or {}).items()
     }
-    motions = [prepare_motion(r, {name: f[k] for name, f in forces.items()}, bench) for k, r in enumerate(given)]
+    motions = [
+        prepare_motion(r, {name: f[k] for name, f in forces.items()}, bench.gas_force_N) for k, r in enumerate(given)
+    ]
     stretches = [stretch for motion in motions for stretch in motion.stretches]
     if not stretches:
         raise CesError(f"{given[0].name}: no stretch of position and current without a gap is long enough")

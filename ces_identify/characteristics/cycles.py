@@ -313,10 +313,12 @@ def _evaluate_half(rise: F, v: F, force: F, sign: float, rules: BenchRules) -> H
         rising[i] = np.interp(wanted, np.maximum.accumulate(v[i, : m + 1]), force[i, : m + 1])
         falling[i] = np.interp(wanted, np.maximum.accumulate(v[i, m:][::-1]), force[i, m:][::-1])
     weights = _weigh_centre(rise, rules.window) if rules.read_at == CENTRE else top / count[:, None]
+    whole = np.isfinite(force).all(axis=1)
     read = (weights * force).sum(axis=1)
-    if rules.value == MAXIMUM and (rules.read_at != CENTRE or rules.window > 0.0):
-        read = sign * np.where(weights > 0.0, sign * force, -np.inf).max(axis=1, initial=-np.inf)
-    read = np.where(np.isfinite(force).all(axis=1), read, np.nan)
+    if rules.value == MAXIMUM and whole.any():  # where the mean stroke is largest: noise hardly raises that
+        inside = np.where((weights > 0.0).mean(axis=0) >= 0.5, sign * force[whole].mean(axis=0), -np.inf)
+        read = force[:, inside.argmax()]
+    read = np.where(whole, read, np.nan)
     return HalfValues(sign * (weights * v).sum(axis=1), read, sign * peak_speed, rising, falling)
 
 

@@ -27,14 +27,14 @@ FORMS = {
     "window": {"read_at": "centre"},
     "crossing": {"read_at": "centre", "window": 0},
     "last cycle": {"read_at": "centre", "cycles": "last"},
-    "maximum": {"value": "maximum", "force_filter_Hz": 100},
-    "maximum of a window": {"read_at": "centre", "value": "maximum", "force_filter_Hz": 100},
+    "maximum": {"value": "maximum"},
+    "maximum of a window": {"read_at": "centre", "value": "maximum"},
 }
 
 
 @pytest.mark.parametrize("rules", FORMS.values(), ids=list(FORMS))
 def test_forces_and_hysteresis_are_those_without_noise(rules):
-    clean = characterise(bench_programme(), rules={name: v for name, v in rules.items() if name != "force_filter_Hz"})
+    clean = characterise(bench_programme(), rules=rules)
     noisy = characterise(bench_programme(NOISE_N, NOISE_M), rules=rules)
     assert len(clean.peak_velocity) == len(noisy.peak_velocity) == 2 * 4 * len(POINTS)
     for row, truth in zip(noisy.peak_velocity, clean.peak_velocity, strict=True):
@@ -197,7 +197,6 @@ def test_limits_are_judged_where_they_are_given():
         ({"limit": {"t90_ms": "15 ms"}}, "limit: t90_ms is '15 ms'; expected a number above 0 to 1000000 ms"),
         ({"read_at": "middle"}, "read_at is 'middle'; expected one of peak_speed, centre"),
         ({"speeds_m_s": [0.131, -1]}, r"speeds_m_s\[1\] is -1; expected a number above 0 to 100 m/s"),
-        ({"force_filter_Hz": 600}, "force_filter_Hz is 600; expected less than half the rate of 1000 Hz"),
     ],
 )
 def test_a_mistake_is_one_line(rules, message):
