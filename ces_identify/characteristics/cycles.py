@@ -101,8 +101,8 @@ def find_cycles(stretch: Stretch, number: int, tolerance_A: float, speed_noise: 
     )
 
 
-def find_branches(cycles: Cycles, motions: Sequence[RecordingMotion], tolerance_A: float) -> I:
-    """Return the branch of each cycle (n,): whether the last other steady current before it was lower or higher."""
+def find_branches(cycles: Cycles, motions: Sequence[RecordingMotion], tolerance_A: float, first: int) -> I:
+    """Return the branch of each cycle (n,), by the last other steady current before it; without one it is `first`."""
     branch = np.zeros(len(cycles.current_A), np.int64)
     for number, stretches in enumerate(motion.stretches for motion in motions):
         own = np.flatnonzero(cycles.recording == number)
@@ -110,7 +110,7 @@ def find_branches(cycles: Cycles, motions: Sequence[RecordingMotion], tolerance_
         if not len(own):
             continue
         time, current = (np.concatenate(parts) for parts in zip(*held, strict=True))
-        state, level, begin = 0, np.nan, 0
+        state, level, begin = first, np.nan, 0
         for index, end in zip(own, np.searchsorted(time, cycles.time_s[own, 0]), strict=True):
             now = cycles.current_A[index]
             before = np.append(level, current[begin:end])

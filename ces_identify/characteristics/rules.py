@@ -17,6 +17,7 @@ from ces_observer.errors import CesError
 from ces_observer.records import choice, part, quantity, read_record, walk_record
 
 ALL_CYCLES, LAST_CYCLE = "all", "last"
+BRANCHES = {"unknown": 0, "raised": 1, "lowered": -1}  # of a hold of the current, by the current before it
 PEAK_SPEED, CENTRE = "peak_speed", "centre"
 MEAN, MAXIMUM = "mean", "maximum"
 WHAT = "rules of a bench; 'ces schema rules' lists the keys"
@@ -62,6 +63,7 @@ class BenchRules:
     speeds_m_s: tuple[float, ...] = quantity((), "m/s", "target speeds; none: all", 0.0, 100.0, above=True)
     speed_tolerance: float = quantity(0.05, "1", "relative difference from a target speed", 0.0, 0.5, above=True)
     gas_force_N: float = quantity(0.0, "N", "added to every force (raw_N is without it)")
+    first_hold: str = choice("unknown", "how the current reached the first hold of a recording", tuple(BRANCHES))
     step_start: float = quantity(0.1, "1", "share of the change of current from which times count", 0.01, 0.9)
     settled_share: float = quantity(0.02, "1", "of the change of force, within which it is settled", 1e-3, 0.2)
     settled_for_ms: float = quantity(10.0, "ms", "time that it stays settled, or beyond 63 and 90 %", 0.0, 50.0)

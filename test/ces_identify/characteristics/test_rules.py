@@ -65,6 +65,14 @@ def test_the_window_and_the_crossing_read_the_centre_of_the_stroke():
         assert rebound.force_N == pytest.approx(-force, rel=rel)
 
 
+def test_the_first_hold_is_on_a_branch_where_the_rules_say_so():
+    """Otherwise the lowest current is known from one side only."""
+    for rules, known in (({}, 2), ({"first_hold": "raised"}, 3)):
+        rows = characterise(bench_programme(), rules=rules).over_current
+        slowest = [row for row in rows if row.direction == "compression" and row.speed_m_s < 0.2]
+        assert sum(np.isfinite(row.width_N) for row in slowest) == known
+
+
 def test_range_ratio_and_linearity():
     results = characterise(bench_programme(NOISE_N, NOISE_M))
     for row in results.ranges:
