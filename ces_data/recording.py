@@ -65,7 +65,7 @@ class Channel:
         return replace(finite, stamps_ns=stamps, values=finite.values[places])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """The channels of one experiment by signal name, and their origin.
 

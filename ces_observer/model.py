@@ -209,8 +209,12 @@ FILE = Field(kind=Record(Model))
 def load_model(path: str | Path) -> Model:
     """Read and check a model file; raises ModelError naming the file and the wrong key."""
     if not isinstance(path, str | os.PathLike):
-        raise ModelError(f"expected the path of a model file; got a value of type {type(path).__name__}")
+        what = f"a value of type {type(path).__name__}".replace("a value of type NoneType", "None")
+        raise ModelError(f"model: expected a model or the path of its file; got {what}")
     path = Path(path)
+    if path.is_dir() or (path.is_file() and path.suffix.lower() not in ("", ".json")):
+        what = "folder, such as a bag" if path.is_dir() else f"{path.suffix} file, such as a recording"
+        raise ModelError(f"{path}: is a {what}, and no model; `ces identify {path} --out model.json` makes one of it")
     try:
         text = read_bounded(path, FileLimits.MAX_BYTES)
     except FileNotFoundError:

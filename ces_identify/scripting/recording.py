@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ces_data import recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.frames import read_frame, to_frame
+from ces_data.limits import TableLimits
 from ces_data.log_formats import is_log
 from ces_data.logs.frame import TIMES
 from ces_data.reading import SIGNALS, PathInput, as_path, check_table, kind_of, read_log, read_recording
@@ -29,7 +30,13 @@ MAX_TIME_S = 8e9  # [s] beyond it, a stamp would not fit 64 bits
 EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
 
 
-@dataclass(frozen=True, repr=False)
+SHOWN = (
+    "channel", "channels", "constants", "day", "duration_s", "from_arrays", "from_frame", "load", "name", "part",
+    "resample", "save", "to_frame",
+)  # fmt: skip  # what docs/api.md says, and plain facts
+
+
+@dataclass(frozen=True, repr=False, eq=False)
 class Recording(recording.Recording):
     """The channels of one experiment by signal name, each with its own stamps; `len` is its position samples.
 
@@ -90,7 +97,14 @@ class Recording(recording.Recording):
             for signal, (unit, values) in given.items()
             if values is not None
         }
+        if not isinstance(name, str):
+            raise CesError(f"name: expected text; got {name!r}")
+        if len(stamps) < TableLimits.MIN_SAMPLES:
+            raise RecordingError(f"time_s: has {len(stamps)} values; expected at least {TableLimits.MIN_SAMPLES}")
         return with_methods(check_table(cls(name or "recording", channels)))
+
+    def __dir__(self) -> list[str]:
+        return [*SHOWN, *(name for name in super().__dir__() if name.startswith("_"))]
 
     def __len__(self) -> int:
         return len(self.channels["position"]) if "position" in self.channels else 0

@@ -84,7 +84,7 @@ def test_a_table_becomes_a_model_that_predicts_draws_reports_and_runs(tmp_path):
     assert simulated.index.equals(table.index) and model.predict(table).index.equals(table.index)
     assert (np.isfinite(model.predict(table, steps=5)) == np.isfinite(simulated)).all()
     frame = model.to_frame()
-    assert len(frame) == len(model.body.terms) and (frame["Standard error"] >= 0.0).all()
+    assert len(frame) == len(model.body.terms) and (frame["standard_error"] >= 0.0).all()
     page = model.report(tmp_path / "report.html", note="first <try>")
     assert "first &lt;try&gt;" in page.read_text(encoding="utf-8")
     model.save(tmp_path / "model.json")
@@ -112,7 +112,7 @@ def test_standard_errors_cover_the_truth():
         ).to_frame()
         for f in noisy
     ]
-    (a, b) = ((float(f["Coefficient"][0]), float(f["Standard error"][0])) for f in frames)
+    (a, b) = ((float(f["coefficient"][0]), float(f["standard_error"][0])) for f in frames)
     assert abs(a[0] - b[0]) < 4.0 * np.hypot(a[1], b[1]) and 0.0 < a[1] < 0.05 * abs(a[0])
 
 
@@ -120,6 +120,9 @@ def test_a_model_from_a_file_shows_the_costs_of_its_identification(model):
     row = {"recording": "noise", "role": "identification", "J": 4.94}
     known = replace(model, provenance={"cost_J_percent": [row, {**row, "role": "validation", "J": None}]})
     assert repr(known).splitlines()[-2].split() == ["noise", "identification", "4.94"]
+    full = row | {"low": 4.61, "high": 5.29, "rms_N": 61.23, "outside": 0.0, "band": 91.2}
+    shown = repr(replace(model, provenance={"cost_J_percent": [full, row]})).splitlines()
+    assert shown[-2].split() == ["noise", "identification", "4.9", "4.6", "to", "5.3", "61.2", "0.0", "91.2"]
     assert "<td" in known._repr_html_()
     assert repr(replace(model, provenance={"cost_J_percent": 3})) == model._describe()
 
@@ -175,7 +178,7 @@ DOUBTS = {
     "another current": (lambda m, r: m.simulate(T, X, 0.0), "outside the model's envelope for 100.0 % of the time"),
     "mA": (
         lambda m, r: ces.simulate(m, time_s=T, position_m=X, current_A=500.0),
-        "multiply its scale by 0.001 if it is in mA",
+        "multiply it by 0.001 if it is in mA",
     ),
     "another damper": (lambda m, r: ces.validate(m, columns(current_A=0.0 * T)), "outside the model's envelope for"),
     "other signs": (
@@ -327,7 +330,10 @@ MISTAKES = {
     "no currents": (lambda m, r: m.force_speed([], 0.1), "currents: expected numbers"),
     "a model": (lambda m, r: ces.validate(None, r), "model: expected a model or a path; got None"),
     "no such model": (lambda m, r: ces.Estimator("x.json"), "x.json: no such model file"),
-    "a model's type": (lambda m, r: ces.Estimator(5), "expected the path of a model file; got a value of type int"),
+    "a model's type": (
+        lambda m, r: ces.Estimator(5),
+        "model: expected a model or the path of its file; got a value of type int",
+    ),
     "a mistyped option": (lambda m, r: ces.identify(r, tims=5), "tims: is no option of identify; did you mean 'time'"),
     "the program's option": (lambda m, r: ces.identify(r, validate=r), "did you mean 'validation'"),
     "one model": (ces.compare, "1 models to compare; expected 2"),
