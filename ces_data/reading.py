@@ -85,13 +85,13 @@ def as_recordings(
 
     Recordings and tables may have names, as keys of a mapping. `signals` describes bags only.
     """
-    single = isinstance(given, Recording | str | os.PathLike) or is_table(given)
+    single = _is_one(given)
     if hasattr(given, "dtype") and not is_table(given):
         advice = "name its columns, {'time_s': X[:, 0], ...}, or take ces.DamperModel().fit(X, y)"
         raise CesError(f"recordings: expected a recording, a path, a table, or several; got an array: {advice}")
     if not single and not hasattr(given, "__iter__"):
         raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(given)}")
-    if isinstance(given, Mapping) and given and all(map(_is_recording, given.values())):
+    if isinstance(given, Mapping) and given and all(map(_is_one, given.values())):
         return [replace(r, name=name) for name, one in given.items() for r in as_recordings(one, signals, need=need)]
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
@@ -114,9 +114,9 @@ def as_recordings(
     return recordings
 
 
-def _is_recording(value: object) -> bool:
-    """Return whether a value is a recording of any kind but a path, as in a mapping of recordings by name."""
-    return isinstance(value, Recording) or is_table(value)
+def _is_one(value: object) -> bool:
+    """Return whether a value is a recording of any kind, and no column of a table."""
+    return isinstance(value, Recording | str | os.PathLike) or is_table(value)
 
 
 def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recording:

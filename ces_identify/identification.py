@@ -81,19 +81,21 @@ class IdentificationResult:
         fitted to, unless `ignore_findings`.
         """
         failure = self._describe_failure()
-        seconds = self.model.provenance["selection"].get("seconds", 0.0)
-        ended = any(result.ended == TIME_IS_UP for result in self.search_results)
-        short = (
-            (f"the search was stopped after {seconds:.3g} s; give it more ", OptionName("time"), ": ") if ended else ()
-        )
-        reasons = [f.text for f in findings if f.signal != "current"] or [] if ended else [UNLIKE_FORCE]
+        reasons = [f.text for f in findings if f.signal != "current"] or [UNLIKE_FORCE]
         if failure and not ignore_findings:
             keep = OptionName("ignore_findings", True)
-            raise RecordingError(*short, "; ".join([failure, *reasons[:1]]), "; ", keep, " keeps such a model")
+            raise RecordingError(*self._describe_end(), f"{failure}; {reasons[0]}; ", keep, " keeps such a model")
         forced = [f.text for f in findings if f.severity == WRONG_MODEL] + [failure] * bool(failure)
         if not forced:
             return self
         return replace(self, model=replace(self.model, provenance={**self.model.provenance, "forced": forced}))
+
+    def _describe_end(self) -> tuple[str | OptionName, ...]:
+        """Return that the search had too little time, for the begin of an error."""
+        if not any(result.ended == TIME_IS_UP for result in self.search_results):
+            return ()
+        seconds = self.model.provenance["selection"].get("seconds", 0.0)
+        return f"the search was stopped after {seconds:.3g} s; give it more ", OptionName("time"), ": "
 
     def _describe_failure(self) -> str:
         """Return what shows that the model explains nothing; '' if it does, or for an interrupted or weighted fit."""

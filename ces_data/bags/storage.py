@@ -208,6 +208,9 @@ def _open(path: Path, opened: ExitStack) -> Bag:
             if file.suffix == ".mcap":
                 mcap.require_complete(file)
                 _require_ros2(file)
+        if path.is_file() and path.suffix not in (".mcap", ".db3"):
+            what = "neither a bag (a folder, or .mcap) nor a log that is read here, such as .csv, .mat or .parquet"
+            raise RecordingError(f"{path}: is {what}; save it as one of these") from None
         raise RecordingError(f"{path}: cannot be opened as a bag: {first_line(error).rstrip('.')}") from None
     opened.callback(reader.close)
     storages: list[Any] = getattr(reader.storage, "storages", [reader.storage])

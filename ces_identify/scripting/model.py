@@ -317,7 +317,7 @@ def _as_numbers(name: str, given: ArrayLike) -> F:
         values = np.atleast_1d(np.asarray(given, dtype=np.float64))
     except (TypeError, ValueError):
         values = np.empty(0)
-    if values.ndim != 1 or not len(values):
+    if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
         raise CesError(f"{name}: expected numbers; got {given!r}")
     return values
 
