@@ -122,6 +122,12 @@ def test_a_lifecycle_manager_drives_it(vehicle: Vehicle, start_cpp: Callable[...
     assert not change(vehicle, "activate")
 
 
+def test_a_manager_keeps_a_bond(vehicle: Vehicle, start_cpp: Callable[..., NodeProcess]) -> None:
+    start_cpp(autostart=False)
+    assert change(vehicle, "configure")
+    vehicle.keeps_bond("observer", lambda: change(vehicle, "activate"), lambda: change(vehicle, "deactivate"))
+
+
 def test_it_hears_again_after_each_cleanup(
     vehicle: Vehicle, namespace: str, package: CppPackage, flat_path: Path
 ) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import pi, sin
 from typing import Any
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from party import Party
@@ -100,6 +101,19 @@ class Vehicle(Party):
         told, stopped = len(self.statuses), time.monotonic()
         self.hears("no position samples arrive", since=told)
         assert time.monotonic() - stopped < most_s
+
+    def keeps_bond(self, name: str, begin: Callable[[], bool], end: Callable[[], bool]) -> None:
+        """Form a bond with a node as a lifecycle manager does, see it last, and break when the node ends it."""
+        bondpy = pytest.importorskip("bondpy.bondpy", reason="bondpy is not installed")
+        events: list[str] = []
+        bond = bondpy.Bond(self.node, "bond", name, lambda: events.append("broken"), lambda: events.append("formed"))
+        bond.heartbeat_timeout = PATIENCE_S
+        assert begin()
+        bond.start()
+        wait(lambda: events == ["formed"], "a bond")
+        assert end()
+        wait(lambda: events == ["formed", "broken"], "the end of the bond")
+        bond.shutdown()
 
     def drive_until(self, condition: Callable[[], bool], what: str, **options: Any) -> None:
         """Drive until `condition` holds: samples that a busy computer holds up for too long are withheld."""
