@@ -18,7 +18,7 @@ from patience import PATIENCE_S, wait_until
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSDurabilityPolicy, QoSLivelinessPolicy, QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -34,6 +34,7 @@ STAMPED_CURRENT = {  # parameters of a current whose messages have stamps
 }
 RATE_HZ = 1000
 RECOVERIES = 5
+PROMISES = ("deadline", "liveliness_lease_duration")  # policies by which the middleware tells of silence
 LATE_S = 0.2  # less than the age of a sample that a node allows
 
 
@@ -85,12 +86,12 @@ class Vehicle(Party):
             thread.join()
 
     @contextmanager
-    def deadline(self, deadline_s: float) -> Iterator[dict[str, object]]:
-        """Publish positions with a deadline; yield the parameters of an observer that asks for it."""
+    def promising(self, policy: str, time_s: float) -> Iterator[dict[str, object]]:
+        """Publish positions with a time in this policy; yield the parameters of an observer that asks for it."""
         before = self.position
-        qos = QoSProfile(depth=DEPTH, deadline=Duration(seconds=deadline_s))
-        self.position = self.node.create_publisher(JointState, "joint_states", qos)
-        yield {f"qos_overrides.{self.namespace}/joint_states.subscription.deadline": round(deadline_s * 1e9)}
+        offered = {"liveliness": QoSLivelinessPolicy.MANUAL_BY_TOPIC, policy: Duration(seconds=time_s)}
+        self.position = self.node.create_publisher(JointState, "joint_states", QoSProfile(depth=DEPTH, **offered))
+        yield {f"qos_overrides.{self.namespace}/joint_states.subscription.{policy}": round(time_s * 1e9)}
         self.node.destroy_publisher(self.position)
         self.position = before
 
