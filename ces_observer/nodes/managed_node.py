@@ -18,6 +18,7 @@ from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
 from ces_observer.errors import CesError
 from ces_observer.health.diagnostics import ACTIVE, INACTIVE, UNCONFIGURED
 from ces_observer.limits import NodeLimits
+from ces_observer.nodes.bond import Bond
 from ces_observer.nodes.executors import START_ERRORS
 from ces_observer.nodes.parameters import TableNode
 from ces_observer.nodes.rclpy_gaps import freeze_objects, wrap_lifecycle_services
@@ -36,6 +37,7 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         TableNode.__init__(self, name)
         self.is_active = False
         self.made = ExitStack()
+        self.bond: Bond | None = None
         self._mistake: Exception | None = None
         self._fell = self._is_starting = False
         self._next_start_s = inf
@@ -126,17 +128,21 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         """Let the node publish."""
         outcome = self._run(self.activate)
         self.is_active = outcome == TransitionCallbackReturn.SUCCESS
+        if self.is_active and not self.starts_itself:
+            self.guard.call(self._open_bond)
         return outcome
 
     def on_deactivate(self, state: Any) -> Any:
         """Let the node withhold; an error if it falls."""
         self.is_active = False
+        self.guard.call(self._close_bond)
         outcome = self._run(self.deactivate)
         return TransitionCallbackReturn.ERROR if self._fell else outcome
 
     def on_cleanup(self, state: Any) -> Any:
         """Let go of everything."""
         self.is_active = False
+        self.guard.call(self._close_bond)
         return self._run(self._let_go)
 
     def on_shutdown(self, state: Any) -> Any:
@@ -150,6 +156,19 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         self._fell = False
         self.on_cleanup(state)
         return TransitionCallbackReturn.SUCCESS
+
+    def watch_bond(self) -> None:
+        """Send the heartbeat that is due."""
+        if self.bond is not None:
+            self.bond.watch()
+
+    def _open_bond(self) -> None:
+        self.bond = Bond(self, self.get_parameter("bond_heartbeat_period").value)
+
+    def _close_bond(self) -> None:
+        bond, self.bond = self.bond, None
+        if bond is not None:
+            bond.close()
 
     def _let_go(self) -> None:
         made, self.made = self.made, ExitStack()
