@@ -67,7 +67,7 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 144.2,
+    "ces_observer": 143.8,
     "ces_data": 112.6,
     "ces_report": 13.9,
     "ces_identify": 180,
