@@ -204,6 +204,7 @@ class JumpLimits:
     MIN_OVERFLOWS, MIN_UNWRAPPED = 6, 0.9  # jumps by the whole range; span without the jumps, in jumps
     BETTER = 0.7  # of the error of the force's map, without the jumps
     OFTEN, UNLIKE_FORCE = 0.003, 0.5  # of the steps; error of a force that jumps too often to undo it
+    AGAINST = 0.8  # of the jumps, go against the steps beside them (planted: 0.92; UTFSM at 35 to 100 Hz: up to 0.71)
     EDGE = 3  # samples beside a dropout that belong to it
 
 

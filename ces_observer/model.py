@@ -95,16 +95,25 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Envelope:
-    """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate."""
+    """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate.
+
+    Between the ends of `current_gap_A` no current was recorded: forces there are interpolated, and nothing tests them.
+    """
 
     position_m: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     speed_m_s: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     current_A: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
+    current_gap_A: Range | None = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT, default=None, optional=True)
 
     @property
     def by_signal(self) -> Ranges:
         """The ranges by the signals' names."""
         return {"position": self.position_m, "speed": self.speed_m_s, "current": self.current_A}
+
+    @property
+    def gap_text(self) -> str:
+        """What follows the range of the current in a text: between which currents [A] none was recorded, if so."""
+        return "" if self.current_gap_A is None else " without {:.3g} to {:.3g}".format(*self.current_gap_A)
 
 
 @dataclass(frozen=True)
@@ -134,6 +143,11 @@ class Model:
     def used_ranges(self) -> Ranges:
         """The envelope of the inputs that the structure uses, by name: others cannot be outside."""
         return {name: self.envelope.by_signal[name] for name in self.body.uses}
+
+    @property
+    def used_gap_A(self) -> Range | None:
+        """The gap of the recorded currents, of a structure that uses the current."""
+        return self.envelope.current_gap_A if "current" in self.body.uses else None
 
     @property
     def warm_up_s(self) -> float:

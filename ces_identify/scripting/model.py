@@ -32,13 +32,14 @@ from ces_identify.report.steady import CURVE_SPEEDS, recorded_currents, steady_f
 from ces_identify.scripting.progress import Progress
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.prediction import predict_series
-from ces_identify.simulations.simulate import sample_run, simulate_series
+from ces_identify.simulations.simulate import is_outside, sample_run, simulate_series
 from ces_identify.structures import model_section
 from ces_identify.structures.polynomial import coefficient_unit, format_term
 from ces_identify.validation.band import band_half_width
 from ces_identify.validation.checked import evaluate_checked, warnings_on
 from ces_identify.validation.cost_table import Evaluations, cost_table
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size
+from ces_identify.validation.lacks import describe_gap
 from ces_identify.validation.standard_errors import standard_errors
 from ces_observer import model
 from ces_observer.errors import CesError
@@ -150,6 +151,8 @@ class Model(model.Model):
             raise CesError(text)
         for value, end in dict(zip(values[values != inside], inside[values != inside], strict=True)).items():
             warn(f"{name} {value:g} {unit} is outside what the model knows; {end:g} {unit} is taken")
+        if name in self.used_ranges and (unknown := inside[is_outside(self, name, inside)]).size:
+            warn(f"{name}s {', '.join(f'{value:g}' for value in unknown[:3])} {unit}: {describe_gap(self)}")
         return inside
 
     def plot(self, recording: RecordingInput) -> Any:
@@ -258,7 +261,7 @@ class Model(model.Model):
     def _describe(self) -> str:
         proof = "stability not proved" if self.certificate is None else "proved stable"
         knows = "; ".join(
-            f"{name} {' to '.join(format_alike(ends, 3))} {unit}"
+            f"{name} {' to '.join(format_alike(ends, 3))} {unit}{self.envelope.gap_text * (name == 'current')}"
             for (name, ends), unit in zip(self.envelope.by_signal.items(), ("m", "m/s", "A"), strict=True)
         )
         return f"{self.structure}: {describe_size(self)} at {self.sampling.rate_Hz:g} Hz, {proof}\nknows {knows}"
@@ -307,6 +310,8 @@ def identify_model(
 
     with one_blas_thread():
         result = identify(given, held_out, how, listen, fitter).require_explained(findings, ignored)
+    if text := describe_gap(result.model):
+        warn(text)
     return replace(as_model(result.model), evaluations=result.evaluations, search_results=result.search_results)
 
 
