@@ -72,6 +72,7 @@ class CsvTable(LogTable):
         self.path, self.mapping, self._progress = path, mapping, progress
         self.dialect = csv_form.find_dialect(path, mapping)
         self.names, self.notes = mapping.names or self.dialect.names, self.dialect.notes
+        self.stated_Hz = self.dialect.stated_Hz
         self._comments, self._head, self._line = 0, self.dialect.head, 0
         self._row_blocks = find_blocks(path, self.dialect)
         if self._row_blocks:
