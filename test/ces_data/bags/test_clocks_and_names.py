@@ -10,6 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ces_data.bags.reader import RecordingWarning, read_recording
 from ces_data.logs.log_file import refuse_bag
+from ces_data.mapping.candidates import find_bag_candidates
 from ces_data.mapping.proposals import propose_signals
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Signals
@@ -121,7 +122,9 @@ def test_an_index_that_is_another_joint_is_refused_and_the_advice_works(tmp_path
         return (["steer"], [9.0]) if k % 10 == 5 else (["rear_damper"], [0.001 * k])
 
     path = write(tmp_path / "bag", LOGGED, joint)
-    found = r"position\[0\] on /joint_states is 'rear_damper' first, and 'steer' in 60 of 600 messages .*"
+    found = (
+        r"position\[0\] on /joint_states is 'position\[rear_damper\]' first, and 'position\[steer\]' in 60 of 600 .*"
+    )
     with pytest.raises(RecordingError, match=found + r"; take it by name: position\[rear_damper\]"):
         read_recording(path, BY_INDEX)
     with pytest.warns(RecordingWarning, match=r"position: missing in 60 of 600 messages"):
@@ -135,7 +138,7 @@ def test_a_few_messages_of_another_order_are_left_out_with_a_warning(tmp_path):
         return (names[::-1], values[::-1]) if k == 300 else (names, values)
 
     path = write(tmp_path / "bag", LOGGED, joint)
-    with pytest.warns(RecordingWarning, match=r"is 'rear_damper' first, and 'steer' in 1 of 600 messages .* left out"):
+    with pytest.warns(RecordingWarning, match=r"first, and 'position\[steer\]' in 1 of 600 messages .* left out"):
         channel = read_recording(path, BY_INDEX).channel("position")
     assert len(channel) == COUNT - 1
     assert channel.values.max() < 1.0
@@ -214,8 +217,16 @@ def test_interfaces_of_a_joint_whose_order_changes_are_named_and_not_mixed(tmp_p
 
     rows = [(int(LOGGED[k]), state(k)) for k in range(COUNT)]
     path = tiny.write(tmp_path / "bag", [("/states", kind, rows), *tiny.drive()], store=store)
-    field = "interface_values[damper].values[0]"
-    signals = {"position": {"topic": "states", "type": kind, "field": field}}
-    with pytest.raises(RecordingError, match=r"is 'position' first, and 'effort' in 300 of 600 messages"):
-        read_recording(path, Signals.from_mapping(signals, "signals.yaml"), need=("position",))
-    assert "and 'effort' in 300 of 600 messages" in propose_signals([path]).skipped[f"/states {field}"]
+    field = "interface_values[0].values[0]"
+    named = [f"interface_values[damper].values[{name}]" for name in ("position", "effort")]
+
+    def read(text):
+        signals = {"position": {"topic": "states", "type": kind, "field": text}}
+        return read_recording(path, Signals.from_mapping(signals, "signals.yaml"), need=("position",))
+
+    with pytest.raises(RecordingError) as error:
+        read(field)
+    assert f"is '{named[0]}' first, and '{named[1]}' in 300 of 600 messages" in str(error.value)
+    assert str(error.value).endswith(f"take it by name: {named[0]}")
+    assert [set(read(text).channel("position").values.tolist()) for text in named] == [{0.1}, {9.0}]
+    assert {f"/states {text}" for text in named} <= {c.label for c in find_bag_candidates([path])[0]}
