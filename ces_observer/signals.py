@@ -112,7 +112,8 @@ class FieldPath:
 
     def by_names(self, message: object) -> str:
         """Return the path with names in place of indices; '' if the message does not name these elements."""
-        spelt, value = list[str](), message
+        spelt: list[str] = []
+        value: Any = message
         for name, element in self.steps:
             parent, value = value, getattr(value, name, None)
             if element is None:

@@ -48,7 +48,7 @@ CODES = {  # of the module struct
 }
 DAMAGED = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # rosbags before 0.11.9 raises others
 IDL = MessageDefinitionFormat.IDL
-FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": IDL, "omgidl": IDL}
+FORMATS = {**dict.fromkeys(("ros2msg", "ros1msg"), MessageDefinitionFormat.MSG), "ros2idl": IDL, "omgidl": IDL}
 
 
 @dataclass(frozen=True)

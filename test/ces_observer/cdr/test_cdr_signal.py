@@ -66,7 +66,9 @@ def test_one_reader_follows_any_joint_states(stream, path):
         assert outcome(asked.read, serialised(built)) == outcome(lambda one: read_message(one, value_of), built)
 
 
-@pytest.mark.parametrize("read", [lambda path: reader(JOINTS, path).read, lambda path: signal(JOINTS, path).make_reader()])
+@pytest.mark.parametrize(
+    "read", [lambda path: reader(JOINTS, path).read, lambda path: signal(JOINTS, path).make_reader()]
+)
 def test_an_index_that_becomes_another_joint_is_unreadable_until_it_is_the_first_again(read):
     asked = read("position[1]")
     given = serialised if isinstance(getattr(asked, "__self__", None), RawSignal) else lambda built: built
