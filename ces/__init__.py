@@ -68,9 +68,9 @@ __getattr__ = import_on_use(
 
 def identify(
     recordings: RecordingInputs,
+    structure: str = "polynomial",
     *,
     validation: RecordingInputs = (),
-    structure: str = "polynomial",
     signals: PathInput | None = None,
     ignore_findings: bool = False,
     progress: ProgressInput = None,
@@ -89,6 +89,10 @@ def identify(
     from ces_identify.scripting.model import identify_model
     from ces_identify.scripting.progress import show_progress
 
+    if not isinstance(structure, str):
+        raise CesError(
+            "structure: expected a name; with X and y as scikit-learn has them, take ces.DamperModel().fit(X, y)"
+        )
     _require_options(identify, options, [option.name for option in list_options()])
     request = IdentifyRequest.of({"structure": structure, "ignore_findings": ignore_findings, **options})
     given, held_out = as_recordings(recordings, signals), as_recordings(validation, signals, required=False)

@@ -72,6 +72,10 @@ class EnvelopeLimits:
     """How far beyond its recordings a model is believed, and when a recording is outside."""
 
     INPUT_MARGIN = 0.1  # of an input's span, on both sides
+    MAX_CURRENT_GAP = (
+        0.6  # of the current's span, between two that were recorded (UTFSM, sweeps at 0 and 1 A: J 42 % at
+    )
+    # 0.5 A; sines at 0, 0.5 and 1 A, a gap of 0.5: J 8 to 20 % at 0.25 and 0.75 A, as with all five currents)
     FORCE_MARGIN = 0.5  # of the measured force's span, on both sides: twice the force, if it is as large both ways
     HELD_FORCE = 1.5  # times the largest recorded: where a hydraulic network's force is held,
     HELD_PRESSURE = 2.0  # and times the largest that the recordings need: where its pressures are

@@ -145,6 +145,10 @@ class PrintedResult:
         return str(Markup("<p>{}</p>{}").format(text, table.to_html() if table.rows else ""))
 
 
+class PrintedResults(PrintedResult, tuple[R, ...]):
+    """Results in a row, printed in the same way."""
+
+
 @singledispatch
 def summarize_result(result: object) -> tuple[Sequence[str], Table[Any]]:
     """Return what a result says in a few lines, and its table; rooms that have the words register theirs."""

@@ -36,7 +36,10 @@ MODEL = (
     ("structure", "name of the [structure](structures.md), whose own keys hold its parameters"),
     ("units", "of all numbers"),
     ("sampling", "rate [Hz], bank and delay of the speed, limits of stroke, outliers, gaps and warm-up"),
-    ("input_envelope", "range of position, speed and current in the identification data"),
+    (
+        "input_envelope",
+        "range of position, speed and current in the identification data, and of currents that it lacks",
+    ),
     ("force_envelope_N", "range of the force that the observer publishes"),
     ("certificate", "claim, method and bounds of the proof; the observer proves it anew"),
     ("band", "half-width of the force's band, if one was fitted"),

@@ -21,6 +21,7 @@ from ces_data.checks.sensors import find_saturations
 from ces_data.logs.log_import import import_log
 from ces_data.logs.log_mapping import load_dyno_mapping
 from ces_data.recording import Channel, Recording
+from ces_identify.scripting.recording import with_methods
 from ces_observer.errors import RecordingError
 
 DATA = Path(os.environ.get("CES_DATA", ROOT.parent / "shared" / "data"))
@@ -92,6 +93,15 @@ def test_the_stillness_before_a_sweep_shows_no_drift_and_hides_no_sign(seconds):
     assert found.text.startswith("force: acts with the motion instead of against it")
 
 
+@measured
+def test_a_force_that_is_sampled_too_slowly_is_no_overflow():
+    """Of the sweep to 15 Hz at 50 Hz, a counter was said to overflow."""
+    mapping = load_dyno_mapping(ROOT / "config" / "import" / "utfsm_mr.yaml")
+    slow = with_methods(import_log(DATA / "utfsm_mr" / "sweep_15Hz_0.5A.csv", mapping)).resample(50.0)
+    (found,) = check_recording(slow)
+    assert found.text.startswith("force: changes too fast for 50 Hz")
+
+
 @pytest.mark.parametrize(
     ("change", "severity", "text"),
     [
@@ -115,6 +125,8 @@ def test_the_stillness_before_a_sweep_shows_no_drift_and_hides_no_sign(seconds):
         ({"force": held(0.4, 0.402)}, "warning", "force: stuck once, at 10.00 s, 0.2% of the time"),
         ({"current": scaled(1e3)}, "wrong model", "by 0.001 if it is in mA"),
         ({"current": scaled(100.0)}, "warning", "percent or raw counts"),
+        ({"current": scaled(1e-3)}, "warning", "opens no valve; was it taken for mA? Then multiply its scale in the"),
+        ({"position": lambda x: 0.02 * (x - x.mean())}, "warning", "was it taken for mm? multiply its scale in the"),
         ({"force": lambda f: np.clip(f, -1200.0, 600.0)}, "wrong model", "force: the channel saturates"),
         ({"force": lambda f: np.clip(f, -3000.0, 1250.0)}, "warning", "record with a larger range"),
         ({"force": lambda f: 0.0 * f + 3.0}, "wrong model", "force: constant at 3 N"),
