@@ -285,7 +285,7 @@ class Judgement:
     subject: str = words("step, or speed, that the value belongs to", "Of", "of")
     value: float = column("1", "the value, in the unit of the key", "Value", "value", spread="ci95")
     value_ci95: float = column("1", "half its 95 % interval")
-    allowed: float = column("1", "the limit: at least for `range_N` and `ratio`, else at most", "Limit is", "allowed")
+    allowed: float = column("1", "the limit: at least for `range_N` and `ratio`, else at most", "Allowed", "allowed")
     verdict: str = words(
         "within, outside, undecided (the interval includes the limit) or not known", "Verdict", "verdict"
     )

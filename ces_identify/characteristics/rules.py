@@ -77,7 +77,7 @@ class BenchRules:
             where = f"within {100 * self.window:g} % of the stroke about its centre"
             where = where if self.window else "where the stroke crosses its centre"
         which = "all full cycles" if self.cycles == ALL_CYCLES else "the last full cycle of each hold"
-        what = "Mean force" if self.value == MEAN else "Force at the largest of the mean stroke,"
+        what = "Mean force" if self.value == MEAN else "Largest force (where it is largest in the mean cycle)"
         return f"{what} of {which} {where}{self._gas}."
 
     @property

@@ -195,6 +195,8 @@ def test_limits_are_judged_where_they_are_given():
     (reach, *_) = characterise(bench_programme()).ranges
     made = judge(limits, (), [replace(reach, range_N=600.0, ratio=np.nan, ratio_ci95=np.nan)])
     assert [row.verdict for row in made] == ["within", "not known"]
+    (unknown,) = judge(load_rules({"limit": {"t90_ms": 15}}).limit, (), ())
+    assert (unknown.verdict, unknown.subject) == ("not known", "no step was read")
 
 
 @pytest.mark.parametrize(
