@@ -165,7 +165,7 @@ def test_a_step_that_fails_is_told_from_a_dip_that_recovers():
     fails = characterise(stepped_dyno(lambda t: 0.0 * t))
     dips = characterise(stepped_dyno(lambda t: 0.8 * ((t > 0.005) & (t < 0.02))))
     for results, reason in ((fails, "changes by less than 15 times its noise"), (dips, "dips and recovers")):
-        read = {step.note for step in results.steps if "step fails" in step.note}
+        read = {step.note for step in results.steps if "does not follow" in step.note}
         assert len(read) == 1 and reason in read.pop()
 
 
