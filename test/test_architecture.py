@@ -68,14 +68,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 144.3,
-    "ces_data": 112.9,
-    "ces_report": 13.9,
-    "ces_identify": 180.5,
+    "ces_data": 113.3,
+    "ces_report": 14,
+    "ces_identify": 182.1,
     "ces_rig": 71.9,
     "ces_gap": 129.1,
     "ces_cli": 71.5,
     "bench": 72.5,
-    "test": 477.5,
+    "test": 477.7,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -332,7 +332,7 @@ MISTAKES = {
     "no such model": (lambda m, r: ces.Estimator("x.json"), "x.json: no such model file"),
     "a model's type": (
         lambda m, r: ces.Estimator(5),
-        "model: expected a model or the path of its file; got a value of type int",
+        "model: expected a model or the path of its file; got",
     ),
     "a mistyped option": (lambda m, r: ces.identify(r, tims=5), "tims: is no option of identify; did you mean 'time'"),
     "the program's option": (lambda m, r: ces.identify(r, validate=r), "did you mean 'validation'"),
