@@ -96,7 +96,8 @@ class DamperLimits:
     MAX_M_S2 = 1000.0  # [m/s2] wheels on a kerb stay below 500
     MIN_STROKE_M, SHORT_STROKE_M, STROKE_FORCE_N = 1e-4, 1e-3, 100.0  # [m, m, N] strokes too short for such a force
     STIFF_N_S_M, STILL_M_S = 1e5, 2e-3  # [N s/m, m/s] of short strokes in a wrong unit
-    MAX_CURRENT_A, VALVE_A = 100.0, 30.0  # [A] beyond any valve; beyond those of vehicles
+    STIFFEST_N_S_M = 1e6  # [N s/m] of any stroke; seven rigs have 450 to 3e5, those of a band brake
+    MAX_CURRENT_A, VALVE_A, WEAK_A = 100.0, 6.0, 0.05  # [A] beyond any valve; beyond those of vehicles; opens none
     FRICTION_N, DAMPING_N_S_M = 8.0, 40.0  # [N, N s/m] the seal's friction is more; half of the softest bicycle damper
     SMALL_FORCE_N, SMALL_DAMPING_N_S_M = 30.0, 200.0  # [N, N s/m] a small damper, or kN
     TINY_FORCE_N = 20.0  # [N] whatever the damping
@@ -232,6 +233,7 @@ class TableLimits:
     MIN_SAMPLES = 3  # of a signal
     MIN_STEP_S, MAX_STEP_S = 1e-6, 0.1  # [s] of a time without a unit: others are days, ms or numbers of rows
     EVEN_SHARE = 0.99  # of the steps of a column that may be a time without a name: pauses are rare
+    RATE_TOLERANCE = 0.1  # between a stated rate and that of the times: Dyke's rounded times are 0.2 % off
     MAX_ROWS_PER_TIME = 1.5  # more are too coarse to tell one row from the next
     MIN_APART, MAX_APART = 0.05, 100.0  # steps between two times in a row: those of two signals, or two clocks
     MAX_ZERO_SHARE = 0.2  # of a file's bytes, that serial lines add to a text; more are binary numbers
@@ -260,7 +262,7 @@ class RatingLimits:
     ] = {  # of the span (position) or the peak, in SI units, in which a damper on a rig or vehicle works
         "position": (DamperLimits.SHORT_STROKE_M, DamperLimits.LONG_STROKE_M),
         "force": (DamperLimits.TINY_FORCE_N, 60_000.0),
-        "current": (0.05, 6.0),
+        "current": (DamperLimits.WEAK_A, DamperLimits.VALVE_A),
         "speed": (0.002, 10.0),
         "acceleration": (0.05, 3000.0),
         "temperature": (-60.0, 250.0),

@@ -12,7 +12,7 @@ from scipy.signal import butter, detrend, savgol_filter, sosfiltfilt
 
 from ces_data.arrays import F, I, Mask
 from ces_data.findings import SECOND, mean_rate, runs_of_equal
-from ces_data.limits import LossLimits, RecordingLimits, StatisticLimits
+from ces_data.limits import LossLimits, RatingLimits, RecordingLimits, StatisticLimits
 from ces_data.recording import Channel, Recording, Stamps
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Constant, FieldPath, Signal
@@ -162,6 +162,12 @@ def without_spikes(recording: Recording, split: float = 1.0, dropouts: bool = Tr
 
 
 SPIKE_PASSES = 5  # for spikes so close together that they hide each other
+
+
+def is_rough(values: F) -> bool:
+    """Return whether samples (n,) jump about like noise instead of moving like a stroke."""
+    spread = float(values.std()) if len(values) > 1 else 0.0
+    return spread > 0.0 and float(np.sqrt(np.mean(np.diff(values) ** 2))) > RatingLimits.ROUGH * spread
 
 
 def remove_spikes(position: F) -> F:

@@ -78,6 +78,7 @@ TABLE = {  # by quantity: the factor to SI of each unit, and its further spellin
         "degF": (5.0 / 9.0, "°F F ℉ fahrenheit deg_F"),
     },
 }
+IMPERIAL = frozenset(("in", "mil", "ft", "lbf", "kip"))
 OFFSETS = {"K": -273.15, "degF": -160.0 / 9.0}
 UNITS_BY_SPELLING = {
     spelling: Unit(text, quantity, scale, OFFSETS.get(text, 0.0))

@@ -7,7 +7,7 @@ it, so both read the same number from the same message.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -34,6 +34,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "force": {"topic": "measured_force", "type": "geometry_msgs/msg/WrenchStamped", "field": "wrench.force.z"},
 }
 
+NAMES_BESIDE = ("name", "joint_names", "interface_groups", "interface_names")  # arrays that name the others' elements
 LONGEST = 255  # characters of a topic, type or field path
 MAX_DELAY_S = 1.0  # either way
 _STEP = re.compile(r"([A-Za-z]\w*)(?:\[ *([^\[\] ][^\[\]]*)\])?\Z", re.ASCII)
@@ -67,7 +68,9 @@ def _number(default: Any, meaning: str, **settings: Any) -> Any:
 
 @dataclass(frozen=True)
 class FieldPath:
-    """Path to one number in a message, such as `wrench.force.z`, `position[2]` or `position[rear_damper]`."""
+    """Path to one number in a message, such as `wrench.force.z`, `position[2]`, `position[rear_damper]` or
+    `interface_values[rear_damper].values[effort]`.
+    """
 
     text: str
     steps: tuple[tuple[str, int | str | None], ...]
@@ -88,6 +91,11 @@ class FieldPath:
             steps.append((name, int(element) if element and _INDEX.fullmatch(element) else element))
         return cls(str(text), tuple(steps))
 
+    def named(self, spelt: Sequence[str]) -> str:
+        """Return the path of steps that may have names in place of indices; '' if they have none."""
+        own = [name if element is None else f"{name}[{element}]" for name, element in self.steps]
+        return "" if spelt == own else ".".join(spelt)
+
     def read(self, message: object) -> float:
         """Return the number at this path of `message`; raises SignalsError naming the missing part."""
         value: Any = message
@@ -102,17 +110,54 @@ class FieldPath:
         except (TypeError, ValueError):
             raise SignalsError(f"field '{self.text}' is a {type(value).__name__}, not a number") from None
 
+    def by_names(self, message: object) -> str:
+        """Return the path with names in place of indices; '' if the message does not name these elements."""
+        spelt: list[str] = []
+        value: Any = message
+        for name, element in self.steps:
+            parent, value = value, getattr(value, name, None)
+            if element is None:
+                spelt.append(name)
+                continue
+            names = names_beside(parent)
+            at = element if isinstance(element, int) else names.index(element) if element in names else len(names)
+            spelt.append(f"{name}[{names[at] if at < len(names) and names[at] else element}]")
+            value = value[at] if hasattr(value, "__len__") and at < len(value) else None
+        return self.named(spelt)
+
     def _index(self, parent: object, array: Any, element: int | str) -> int:
         if not hasattr(array, "__len__"):
             raise SignalsError(f"field '{self.text}': a {type(array).__name__} is no array; remove [{element}]")
         if isinstance(element, str):
-            names = list(getattr(parent, "name", None) or getattr(parent, "joint_names", None) or ())
+            names = names_beside(parent)
             if element not in names:
                 raise SignalsError(f"field '{self.text}': no joint '{element}'; the message has {names or 'no names'}")
             element = names.index(element)
         if element >= len(array):
             raise SignalsError(f"field '{self.text}': index {element} is outside an array of {len(array)}")
         return element
+
+
+def names_beside(message: object) -> list[str]:
+    """Return what a message calls the elements of its arrays, such as joints; empty without names."""
+    listed = (getattr(message, key, None) for key in NAMES_BESIDE)
+    return next(
+        (list(names) for names in listed if names is not None and len(names) and not isinstance(names, str)), []
+    )
+
+
+class ElementNames:
+    """What messages call the elements that a field takes by index: the first message that names them decides."""
+
+    def __init__(self, path: FieldPath) -> None:
+        self._text, self._first = path.text, ""
+
+    def require(self, by_names: str) -> None:
+        """Raise SignalsError if a message, whose path is `by_names`, has another element there than the first one."""
+        self._first = self._first or by_names
+        if by_names and by_names != self._first:
+            text = f"is {self._first} in the first message and {by_names} in another; take it by name"
+            raise SignalsError(f"field '{self._text}' {text}")
 
 
 @dataclass(frozen=True)
@@ -162,9 +207,15 @@ class Signal:
         return topic.lstrip("/") == self.topic.lstrip("/")
 
     def make_reader(self) -> Callable[[object], float]:
-        """Return a function message -> SI value."""
-        read, scale, offset = self.field.read, self.scale, self.offset
-        return lambda message: scale * read(message) + offset
+        """Return a function message -> SI value, which raises SignalsError as `FieldPath` and `ElementNames` do."""
+        read, scale, offset, names = self.field.read, self.scale, self.offset, ElementNames(self.field)
+
+        def read_value(message: object) -> float:
+            number = read(message)
+            names.require(self.field.by_names(message))
+            return scale * number + offset
+
+        return read_value
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,11 @@ from ces_data.checks.check import check_recording
 from ces_data.checks.derivatives import compare_derivative
 from ces_data.findings import SECOND, DelayFinding, Finding, findings, rate_between_pauses, sort_findings
 from ces_data.log_formats import LOG_FORMATS
-from ces_data.logs.log_file import MAX_ROWS, open_log, refuse_bag
+from ces_data.logs.log_file import MAX_ROWS, LogTable, open_log, refuse_bag
 from ces_data.logs.log_import import read_blocks
 from ces_data.logs.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
 from ces_data.mapping.proposals import MappingProposal, propose_mapping, split_damper
+from ces_data.mapping.times import describe_time
 from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import Recording
 from ces_data.samples import INTEGRATED, align_speed, velocity_beside
@@ -206,7 +207,10 @@ def _convert(
             bar.rows = checks.samples
             source, channels = block.source, tuple(block.channels)
         faults = checks.finish()
-    if remarks := [*log.notes, *(proposal.found if proposal else ())]:
+    found = proposal.found if proposal else ()
+    if mapping is not None and isinstance(log, LogTable):
+        found = (describe_time(log, mapping.time, mapping.rate),)
+    if remarks := [*log.notes, *found]:
         print(f"{path}: {', '.join(remarks)}")
     if "speed" in channels:
         use = "a model uses it if told to (--speed measured), and then needs it on the vehicle"

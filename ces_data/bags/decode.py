@@ -39,7 +39,6 @@ Index = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-NAMES_BESIDE = ("name", "joint_names", "interface_names")  # fields with the names of the elements beside them
 HEADER = (Nodetype.NAME, "std_msgs/msg/Header")
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 LAYOUTS_PER_LENGTH = 16  # a topic with more layouts of one length, such as joint orders, is read one by one
@@ -49,7 +48,7 @@ CODES = {  # of the module struct
 }
 DAMAGED = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # rosbags before 0.11.9 raises others
 IDL = MessageDefinitionFormat.IDL
-FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": IDL, "omgidl": IDL}
+FORMATS = {**dict.fromkeys(("ros2msg", "ros1msg"), MessageDefinitionFormat.MSG), "ros2idl": IDL, "omgidl": IDL}
 
 
 @dataclass(frozen=True)
@@ -158,24 +157,7 @@ def describe_layout(raw: bytes, kind: str, paths: Sequence[FieldPath], typestore
             return None
         numbers.append(number)
     fixed = np.unique(np.concatenate([np.arange(*span) for span in walk.fixed]))
-    return MessageLayout(fixed, buffer[fixed], tuple(numbers), tuple(element_name(message, path) for path in paths))
-
-
-def element_name(message: object, path: FieldPath) -> str:
-    """Return what a message calls the elements that a path takes by index, such as a joint; '' without names."""
-    names, value = [], message
-    for step, element in path.steps:
-        parent, value = value, getattr(value, step, None)
-        if element is None or value is None:
-            continue
-        listed = next((list(getattr(parent, key)) for key in NAMES_BESIDE if len(getattr(parent, key, ()))), [])
-        if isinstance(element, str):
-            at = listed.index(element) if element in listed else len(value)
-        else:
-            at = element
-            names += [str(listed[at])] if at < len(listed) else []
-        value = value[at] if at < len(value) else None
-    return ".".join(names)
+    return MessageLayout(fixed, buffer[fixed], tuple(numbers), tuple(path.by_names(message) for path in paths))
 
 
 def _make_part(description: FieldDesc, typestore: Typestore) -> Part:
@@ -246,7 +228,7 @@ class MessageDecoder:
         if not any(isinstance(element, int) for _, element in path.steps):
             return ""
         try:
-            return element_name(self.typestore.deserialize_cdr(raw, self.kind), path)
+            return path.by_names(self.typestore.deserialize_cdr(raw, self.kind))
         except DAMAGED as error:
             raise undecodable(self.where, self.kind, error) from None
 
@@ -284,7 +266,7 @@ class MessageDecoder:
         message = self.typestore.deserialize_cdr(raw, self.kind)
         for i, path in enumerate(self.paths):
             try:
-                number, name = path.read(message), element_name(message, path)
+                number, name = path.read(message), path.by_names(message)
                 numbers.append(f"another joint, {name}" if self._contradicts(i, name, 1) else number)
             except SignalsError as error:
                 numbers.append(str(error))

@@ -23,9 +23,8 @@ from ces_data.bags.clocks import compare_clocks, find_shift
 from ces_data.bags.decode import DAMAGED, HEADER, Block, MessageDecoder, TopicSamples, undecodable
 from ces_data.bags.storage import Bag, Topic, open_bag
 from ces_data.recording import Stamps, Values
-from ces_observer.cdr.layout import JOINT_NAMES
 from ces_observer.errors import CesError, RecordingError, SignalsError
-from ces_observer.signals import FieldPath
+from ces_observer.signals import NAMES_BESIDE, FieldPath, names_beside
 
 MAX_FIELDS = 64  # of one topic
 MAX_ELEMENTS = 32  # of one array
@@ -127,9 +126,9 @@ def list_numbers(
 ) -> Iterator[str]:
     """Yield the paths of a message's numbers, not headers'; elements by joint names, else `max_elements` indices."""
     fields = typestore.get_msgdef(typename).fields
-    joints = next((list(getattr(message, name)) for name, _ in fields if name in JOINT_NAMES), [])
+    joints = names_beside(message)
     for name, description in fields:
-        if description == HEADER or name in ("layout", *JOINT_NAMES):
+        if description == HEADER or name in ("layout", *NAMES_BESIDE):
             continue
         values, elements, of = [getattr(message, name)], [f"{before}{name}"], description
         if description[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,11 +23,10 @@ from ces_data.limits import OrderLimits, RecordingLimits, StatisticLimits
 from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_data.samples import INTEGRATED, velocity_beside
 from ces_observer.errors import RecordingError, SignalsError
-from ces_observer.signals import Constant, Signal, Signals
+from ces_observer.signals import Constant, FieldPath, Signal, Signals
 
 INPUTS = ("position", "current")
 MAX_TOPICS_LISTED, MAX_OTHERS = 20, 3
-INDEX = re.compile(r"\[\d+\]")
 # `ros2 bag record --compression-mode message` compresses on one thread for each core and stores a message when its
 # thread is done (rosbag2's SequentialCompressionWriter), so a message may follow later ones. It fills a hole that it
 # left. Where a clock was set back, or a bag was played again, time that was recorded already comes a second time.
@@ -174,7 +174,7 @@ class _TopicReader(TopicSamples):
         text = f"{signal.field.text} on {self.topic.name} is '{first}' first, and {listed} of {self.count} messages"
         why = "several publishers, or an order that changes"
         if count >= RecordingLimits.CONTRADICTED_SHARE * self.count:
-            remedy = f"take it by name: {INDEX.sub(f'[{first}]', signal.field.text, count=1)}"
+            remedy = f"take it by name: {first}" if _is_by_name(first) else "record one publisher, whose order stays"
             raise RecordingError(f"{self.decoder.where}: {signal.name}: {text} ({why}); {remedy}")
         warnings.warn(f"{signal.name}: {text} ({why}); these are left out", RecordingWarning, stacklevel=2)
 
@@ -190,6 +190,13 @@ class _TopicReader(TopicSamples):
         if count + self.decoder.others[i].total() < self.count:
             missing = f"missing in {self.count - count} of {self.count} messages on {self.topic.name}"
             warnings.warn(f"{signal.name}: {missing}: {reason}", RecordingWarning, stacklevel=2)
+
+
+def _is_by_name(text: str) -> bool:
+    """Return whether a field path takes its elements by name: not all that messages may call them can be in one."""
+    with suppress(SignalsError):
+        return not any(isinstance(element, int) for _, element in FieldPath.parse(text).steps)
+    return False
 
 
 def is_interleaved(values: Values) -> bool:

@@ -11,13 +11,14 @@ import hashlib
 import re
 import shutil
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
+import numpy as np
 import yaml
 import zstandard
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat, Nodetype
@@ -28,6 +29,7 @@ from rosbags.typesys.store import Typestore
 
 from ces_data.bags import mcap, rosbag1, sqlite
 from ces_data.bags.decode import Block, StoredTopic
+from ces_data.bags.foreign import Convert, adopt
 from ces_data.config_file import first_line
 from ces_data.log_formats import explain_import, is_foreign
 from ces_observer.errors import RecordingError
@@ -60,14 +62,41 @@ class DataFile:
     stored: tuple[Path, ...]
     topics: tuple[StoredTopic, ...]
     interrupted: bool = False
+    convert: Mapping[int, Convert] = field(default_factory=dict)  # of topics that are not of ROS 2
+
+    @classmethod
+    def of_mcap(cls, path: Path, stored: Path, interrupted: bool = False) -> DataFile:
+        """Return an MCAP file by itself, whose messages of ROS 1 and in JSON are taken as those of ROS 2."""
+        topics, first = mcap.list_topics(path), dict[int, bytes]()
+        waiting = {topic.id for topic in topics if topic.encoding == "json" and topic.count}
+        for block in mcap.blocks(path, interrupted=interrupted) if waiting else ():
+            for number in waiting & set(block.topics.tolist()):
+                first[number] = block.payload(int(np.argmax(block.topics == number)))
+            waiting -= first.keys()
+            if not waiting:
+                break
+        adopted = {topic.id: adopt(topic, first.get(topic.id, b"")) for topic in topics}
+        convert = {number: convert for number, (_, convert) in adopted.items() if convert}
+        return cls(path, (stored,), tuple(topic for topic, _ in adopted.values()), interrupted, convert)
 
     def blocks(self, topics: Sequence[int]) -> Iterator[Block]:
         """Yield the messages of these topics, and in an MCAP file of the others, too."""
         if self.path.suffix == ".mcap":
-            return mcap.blocks(self.path, interrupted=self.interrupted)
+            return map(self._as_cdr, mcap.blocks(self.path, interrupted=self.interrupted))
         if self.path.suffix == rosbag1.SUFFIX:
             return rosbag1.blocks(self.path, topics)
         return sqlite.blocks(self.path, topics)
+
+    def _as_cdr(self, block: Block) -> Block:
+        if not self.convert:
+            return block
+        try:
+            numbers = block.topics.tolist()
+            same: Convert = bytes
+            payloads = [self.convert.get(n, same)(block.payload(i)) for i, n in enumerate(numbers)]
+        except Exception as error:  # of a library, for a damaged message
+            raise RecordingError(f"{self.path}: a message cannot be decoded: {first_line(error)}") from None
+        return Block.join(payloads, block.topics, block.log_ns)
 
 
 @dataclass(frozen=True)
@@ -115,7 +144,8 @@ class Bag:
         """Return the types of a topic: the bag's own definitions, or those of ROS 2 Jazzy if it has none."""
         mine = [t for t in self.stored_topics if t.name == topic.name]
         if others := [t.encoding for t in mine if t.encoding != "cdr"]:
-            raise RecordingError(f"{self.path}: topic {topic.name} is encoded as '{others[0]}'; expected cdr")
+            remedy = "expected cdr, ros1 or json; write its numbers as a CSV table, and import that"
+            raise RecordingError(f"{self.path}: topic {topic.name} is encoded as '{others[0]}'; {remedy}")
         definition = next((t.definition for t in mine if t.definition.format != MessageDefinitionFormat.NONE), None)
         store = get_typestore(Stores.ROS2_JAZZY if definition is None else Stores.EMPTY)
         if definition is not None:
@@ -207,7 +237,9 @@ def _open(path: Path, opened: ExitStack) -> Bag:
         for file in path.glob("*.mcap") if path.is_dir() else [path]:
             if file.suffix == ".mcap":
                 mcap.require_complete(file)
-                _require_ros2(file)
+                foreign = DataFile.of_mcap(file, file)
+                if path == file and any(topic.encoding != "cdr" for topic in mcap.list_topics(file)):
+                    return Bag(path, foreign.topics, (foreign,))
         if path.is_file() and path.suffix not in (".mcap", ".db3"):
             what = "neither a bag (a folder, or .mcap) nor a log that is read here, such as .csv, .mat or .parquet"
             raise RecordingError(f"{path}: is {what}; save it as one of these") from None
@@ -246,22 +278,6 @@ def _stored_topics(connections: Iterable[Connection]) -> tuple[StoredTopic, ...]
         encoding = cast(ConnectionExtRosbag2, c.ext).serialization_format
         topics.append(StoredTopic(c.id, c.topic, c.msgtype, c.msgdef, encoding, c.msgcount))
     return tuple(topics)
-
-
-def _require_ros2(file: Path) -> None:
-    """Raise RecordingError if topics of a complete MCAP file are encoded in another way than ROS 2 does."""
-    topics = mcap.list_topics(file)
-    others = [topic for topic in topics if topic.encoding != "cdr"]
-    codes = ", ".join(sorted({f"'{topic.encoding}'" for topic in others}))
-    names = ", ".join(sorted({topic.name for topic in others})[:3])
-    if others and len(others) < len(topics):
-        remedy = "expected ROS 2's cdr in all: keep the others alone, with mcap filter"
-        raise RecordingError(f"{file}: topics ({names}) are encoded as {codes}; {remedy}")
-    if others:
-        raise RecordingError(
-            f"{file}: an MCAP file, but not of ROS 2: its messages ({names}) are encoded as {codes}, expected cdr; "
-            "write their numbers as a CSV table, and convert that: ces import TABLE.csv --out BAG"
-        )
 
 
 def list_data_files(path: Path) -> list[Path]:
@@ -306,7 +322,7 @@ def _open_file(file: Path, folder: Path, *, last: bool) -> DataFile:
             raise RecordingError(f"{file}: cannot be decompressed: {error}; copy it again") from None
     if path.suffix == ".mcap":
         (mcap.require_mcap_file if last else mcap.require_complete)(path)
-        return DataFile(path, (file,), mcap.list_topics(path), interrupted=True)
+        return DataFile.of_mcap(path, file, interrupted=True)
     journals = [path.with_name(path.name + ending) for ending in ("-wal", "-journal")]
     used = (path, *(journal for journal in journals if journal.exists() and journal.stat().st_size))
     if len(used) > 1:  # the journal is applied to a copy

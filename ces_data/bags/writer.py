@@ -30,9 +30,8 @@ from ces_data.bags.decode import HEADER, STAMP, Bytes, Index, NumberField, descr
 from ces_data.bags.storage import METADATA, WRITTEN_BY
 from ces_data.recording import Recording, Stamps, Values
 from ces_observer import __version__
-from ces_observer.cdr.layout import JOINT_NAMES
 from ces_observer.errors import CesError, OptionName, RecordingError, SignalsError
-from ces_observer.signals import FieldPath, Signal, Signals
+from ces_observer.signals import NAMES_BESIDE, FieldPath, Signal, Signals
 
 CHUNK = 1 << 20  # bytes of messages that are compressed together
 MESSAGE = 5  # opcode of an MCAP record; before the payload: length, channel, sequence, log time, publish time
@@ -278,7 +277,7 @@ def blank_message(typename: str, paths: Sequence[tuple[str, Steps]], typestore: 
     Raises SignalsError if a path names a joint in a message without joint names.
     """
     fields = typestore.get_msgdef(typename).fields
-    holder = next((name for name, _ in fields if name in JOINT_NAMES), None)
+    holder = next((name for name, _ in fields if name in NAMES_BESIDE), None)
     joints: list[str] = []
     inner: dict[str, list[tuple[int, tuple[str, Steps]]]] = {name: [] for name, _ in fields}
     for text, ((name, element), *deeper) in ((text, steps) for text, steps in paths if steps):

@@ -17,6 +17,7 @@ from ces_data.checks.motion import MIN_S, RATE_HZ, RecordedMotion, is_constant, 
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, finite_values, mean_rate
 from ces_data.limits import DamperLimits, RatioLimits, StatisticLimits
 from ces_data.recording import Recording
+from ces_data.samples import is_rough
 from ces_data.units import find_unit
 
 SPEED_STEPS, MIN_TICKS = 5, 50  # samples of a speed; of a recording
@@ -119,8 +120,10 @@ def _position(stroke: float, motion: RecordedMotion | None, force: float) -> Ite
     elif rms > DamperLimits.USUAL_RMS_M_S or stroke > DamperLimits.LONG_STROKE_M:
         text = f"position: spans {stroke:.3g} m and moves at {rms:.2g} m/s on average (RMS), which few dampers do"
         yield Finding(WARNING, f"{text}; {_name_scales(LENGTHS, fits)}", "position")
-    elif 0.0 < stroke < DamperLimits.SHORT_STROKE_M and force > DamperLimits.STROKE_FORCE_N:
-        if stroke >= DamperLimits.MIN_STROKE_M and (speed == 0.0 or force < DamperLimits.STIFF_N_S_M * speed):
+    elif stroke > 0.0 and DamperLimits.STROKE_FORCE_N < force < DamperLimits.LARGE_FORCE_N:
+        short = stroke < DamperLimits.SHORT_STROKE_M
+        stiffest = DamperLimits.STIFF_N_S_M if short else DamperLimits.STIFFEST_N_S_M
+        if stroke >= DamperLimits.MIN_STROKE_M and (speed == 0.0 or force < stiffest * speed):
             return
         text = f"position: spans {1e3 * stroke:.2g} mm at up to {1e3 * speed:.2g} mm/s with forces of {force:.3g} N"
         severity = (
@@ -137,6 +140,9 @@ def _current(current: F) -> Iterator[Finding]:
     elif reach > DamperLimits.VALVE_A:
         remedy = "if it is in mA, percent or raw counts, set its scale in the signals file, and the same on the vehicle"
         yield Finding(WARNING, f"current: reaches {reach:.4g} A; {remedy}", "current")
+    elif 0.0 < reach < DamperLimits.WEAK_A and not is_rough(current):
+        remedy = "was it taken for mA? Then multiply its scale in the signals file by 1000"
+        yield Finding(WARNING, f"current: reaches {reach:.4g} A, which opens no valve; {remedy}", "current")
 
 
 def _force(force: float, speed: float) -> Iterator[Finding]:

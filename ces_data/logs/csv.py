@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.logs import csv_cells, csv_form
-from ces_data.logs.csv_blocks import RowBlock, Rows, describe_blocks, find_blocks
+from ces_data.logs.csv_blocks import RowBlock, Rows, describe_blocks, find_blocks, select_block
 from ces_data.logs.log_file import MAX_CELLS, MAX_ROWS, LogTable, Progress
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
@@ -72,8 +72,11 @@ class CsvTable(LogTable):
         self.path, self.mapping, self._progress = path, mapping, progress
         self.dialect = csv_form.find_dialect(path, mapping)
         self.names, self.notes = mapping.names or self.dialect.names, self.dialect.notes
+        self.stated_Hz = self.dialect.stated_Hz
         self._comments, self._head, self._line = 0, self.dialect.head, 0
         self._row_blocks = find_blocks(path, self.dialect)
+        if mapping.rows:
+            self.rows, self._row_blocks = mapping.rows, select_block(self._row_blocks, mapping.rows, path)
         if self._row_blocks:
             self.notes, self._head = (*self.notes, describe_blocks(self._row_blocks)), 0
         self._notes = self.notes

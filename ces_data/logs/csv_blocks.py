@@ -7,6 +7,7 @@ columns may be in another order and in other units: they are read as those of th
 from __future__ import annotations
 
 import mmap
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
@@ -81,13 +82,24 @@ def find_blocks(path: Path, dialect: CsvDialect) -> tuple[RowBlock, ...]:
     return tuple(block for block in blocks if block.begin < block.end)
 
 
+def select_block(blocks: Sequence[RowBlock], rows: str, path: Path) -> tuple[RowBlock, ...]:
+    """Return the one block that `rows` names, as `block(2)`; raises RecordingError if there is none."""
+    number = re.fullmatch(r"block\((\d+)\)", rows)
+    if number is None or not 1 <= int(number[1]) <= len(blocks):
+        has = f"block(1) to block({len(blocks)})" if blocks else "no rows: the table has one block"
+        raise RecordingError(f"{path}: rows is '{rows}'; expected {has}")
+    return (blocks[int(number[1]) - 1],)
+
+
 def describe_blocks(blocks: Sequence[RowBlock]) -> str:
-    """Return how many blocks there are, and their titles."""
+    """Return how many blocks are read, and their titles."""
+    if len(blocks) == 1:
+        return f"the block from line {blocks[0].line + 1} on, '{blocks[0].title}', alone"
     shown = [f"line {b.line + 1}" + (f" '{b.title}'" if b.title else "") for b in blocks[:MAX_TITLES]]
     more = [f"{len(blocks) - MAX_TITLES} more"] if len(blocks) > MAX_TITLES else []
     gaps = "gaps where the time does not go on" if all(b.repeated for b in blocks[1:]) else "gaps between them"
     text = f"{len(blocks)} blocks of rows with a header each, read as one recording with {gaps}"
-    return f"{text} ({', '.join([*shown, *more])})"
+    return f"{text} ({', '.join([*shown, *more])}; 'rows: block(2)' in a mapping takes one)"
 
 
 def _find_names(content: mmap.mmap, begin: int, dialect: CsvDialect) -> Iterator[int]:

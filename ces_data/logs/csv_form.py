@@ -31,6 +31,9 @@ LINE_BREAK = re.compile(r"\s*[\r\n\t]\s*")  # in a quoted cell
 MIN_NUMBERED = 3  # columns in a row that numbers them
 DESCRIBED = re.compile(r'"?(\w[^|"]*)"?\|"?([^|"]*)"?(?:\|[-+.\d]+){2,3}$')  # RaceCapture's: name, unit, range, rate
 WIDE_BLANK = re.compile(r"\t+|\s{2,}")
+RATE = re.compile(  # in a line above the names: `Sample Rate: 1000 Hz`, `Abtastrate [Hz];1000`
+    r"(?:sampl\w*|scan|abtast)[ _-]*(?:rate|freq\w*)\W*(k?Hz)?\W*(\d+(?:[.,]\d+)?) *(k?Hz)?", re.IGNORECASE
+)
 LAST_ROWS = 20  # which say how wide the table is
 Rows = list[tuple[int, list[str]]]  # number and cells of each line that is not blank
 Header = tuple[int, tuple[str, ...], tuple[str, ...], int]  # `head`, `names`, `units`, `names_line` of a dialect
@@ -51,7 +54,7 @@ class CsvDialect:
     """The form of a text table; `head` is the number of lines that are not blank before the first row.
 
     `names` and `units` are the cells of those rows, empty if the file has none; `names_line` is the number of the line
-    with the names, 0 without; `notes` say what was found.
+    with the names, 0 without; `notes` say what was found; `stated_Hz` is the rate that the header states, 0 without.
     """
 
     encoding: str
@@ -62,6 +65,7 @@ class CsvDialect:
     units: tuple[str, ...]
     notes: tuple[str, ...] = ()
     names_line: int = 0
+    stated_Hz: float = 0.0
 
 
 def find_other_unit(text: str) -> str:
@@ -91,7 +95,16 @@ def find_dialect(path: Path, mapping: DynoMapping) -> CsvDialect:
         notes.append("decimals by ','")
     if units:
         notes.append(f"units in the header ({', '.join(unit or '-' for unit in units)})")
-    return CsvDialect(encoding, delimiter, decimal, head, names, units, tuple(notes), names_line)
+    stated_Hz = _find_rate(lines[: max(names_line - 1, 0)])
+    return CsvDialect(encoding, delimiter, decimal, head, names, units, tuple(notes), names_line, stated_Hz)
+
+
+def _find_rate(lines: Sequence[str]) -> float:
+    """Return the rate of sampling that a header states with its unit [Hz], 0 if it states none."""
+    for match in filter(None, map(RATE.search, lines)):
+        if unit := match[1] or match[3]:
+            return float(match[2].replace(",", ".")) * (1e3 if len(unit) > 2 else 1.0)
+    return 0.0
 
 
 def _find_encoding(path: Path) -> str:

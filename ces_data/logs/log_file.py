@@ -69,6 +69,7 @@ class LogTable(ABC):
     doubts: tuple[str, ...] = ()  # what a person has to choose, such as one of several runs
     breaks: Mapping[int, bool] = {}  # rows (from 0) at which a block begins; whether its names alone came again
     rows = ""  # the path to the table inside the file
+    stated_Hz = 0.0  # the rate of sampling that the file's header states
     unread: Mapping[str, str] = {}  # names of what cannot be a column, each with the reason
 
     @property

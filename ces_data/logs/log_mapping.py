@@ -151,7 +151,11 @@ class DynoMapping:
     names: tuple[str, ...] = part(
         default=(), kind=(str, float), make=lambda names: tuple(map(str, names)), meaning="names for the columns"
     )
-    rows: str = part(default="", meaning="where the table is in a JSON or MAT file", form="a path such as results.data")
+    rows: str = part(
+        default="",
+        meaning="where the table is in a JSON or MAT file, or block(2) of a text table",
+        form="a path such as results.data",
+    )
     blank: str = choice("error", "a blank cell: a mistake, or a sample that was not taken", ("error", "missing"))
     dbc: tuple[Path, ...] = part(
         default=(), kind=Path, meaning="databases of a CAN log (.dbc)", rules={"type": ["string", "array"]}

@@ -95,6 +95,13 @@ class _Structure(Mapping[str, Any]):
 
     def _convert(self, name: str, item: Any) -> Any:
         if isinstance(item, self._h5py.Group):
+            fields = list(item.values())
+            if fields and all(isinstance(f, self._h5py.Dataset) and self._is_field(f) for f in fields):
+                parts = [
+                    [self._convert(name, f) for f in map(item.file.__getitem__, field[()].T.ravel())]
+                    for name, field in item.items()
+                ]
+                return [dict(zip(item, values, strict=True)) for values in zip(*parts, strict=True)]
             return _Structure(self._path, item, self._h5py)
         kind = item.attrs.get("MATLAB_class", b"")
         kind = kind.decode() if isinstance(kind, bytes) else str(kind)
@@ -107,6 +114,10 @@ class _Structure(Mapping[str, Any]):
             return [self._convert(name, self._group.file[reference]) for reference in item[()].T.ravel()]
         values = item[()].T
         return "".join(map(chr, values.T.ravel())) if kind == "char" else np.asarray(values).squeeze()
+
+    def _is_field(self, item: Any) -> bool:
+        """Return whether a dataset holds a field of an array of structures: references, of no class."""
+        return bool(item.dtype == self._h5py.ref_dtype) and "MATLAB_class" not in item.attrs
 
     def _require_readable(self, name: str, item: Any) -> None:
         """Raise RecordingError for numbers that are in other files, or that are more than fit into memory."""

@@ -20,6 +20,7 @@ from ces_data.mapping.times import (
     TableColumn,
     describe_time,
     doubt_pairs,
+    doubt_rate,
     doubt_time,
     find_time,
     holds_rate,
@@ -122,8 +123,9 @@ def _of_series(log: TimedLog) -> LogCandidates:
 def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
     columns, unread = _read_columns(table)
     time = None if rate else find_time(table, columns, unread)
-    counted = None if time or rate is not None else next(filter(holds_rate, columns), None)
-    rate = rate if counted or time else rate or next(filter(None, map(read_period, columns)), None)
+    counted = None if time or rate else next(filter(holds_rate, columns), None)
+    if not (time or rate or counted):
+        rate = next(filter(None, map(read_period, columns)), table.stated_Hz) or None
     known_rate = rate if counted is None else LogColumn(counted.key)
     count = max((len(column.values) for column in columns), default=0)
     if time is None:
@@ -154,7 +156,10 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
         unread[ANY] = reason
     for name, reason in table.unread.items():
         unread.update(dict.fromkeys((ANY, *_meanings(name)), reason))
-    doubt = "" if time is None else doubt_time(table, time, stamps, candidates) or doubt_pairs(columns, time)
+    doubt = ""
+    if time is not None:
+        doubt = doubt_time(table, time, stamps, candidates) or doubt_pairs(columns, time)
+        doubt = doubt or doubt_rate(table, time, stamps, columns)
     text = describe_time(table, time, known_rate)
     return LogCandidates(tuple(candidates), keys, time, known_rate, text, doubt, unread)
 

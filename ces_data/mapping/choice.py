@@ -27,7 +27,7 @@ from ces_data.mapping.rating import (
     rate,
     read_meaning,
 )
-from ces_data.units import Unit, find_unit
+from ces_data.units import IMPERIAL, Unit, find_unit
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class _Chooser:
                 choices[signal] = choice
         if "speed" in choices:
             missing.pop("position", None)
-        return DamperChoice(_find_signs(choices, self.table), missing)
+        return DamperChoice(_doubt_systems(_find_signs(choices, self.table)), missing)
 
     def _speeds(self, candidates: Sequence[Candidate], position: Choice | None) -> list[Rating]:
         """Return the ratings as speed, of those that go to and fro: beside a position, of its derivatives."""
@@ -319,6 +319,17 @@ def _unit_of_speed(factor: float) -> Unit | None:
     """Return the unit of a speed with this factor to SI, None if there is none."""
     units = filter(None, map(find_unit, USUAL["speed"]))
     return next((unit for unit in units if abs(factor / unit.scale - 1.0) < RatingLimits.UNIT_TOLERANCE), None)
+
+
+def _doubt_systems(choices: dict[str, Choice]) -> dict[str, Choice]:
+    """Return the choices with a guess where a log states inches or pounds for one of stroke and force alone."""
+    units = {s: c.candidate.unit for s, c in choices.items() if s in ("position", "force") and c.candidate.unit}
+    odd = [signal for signal, unit in units.items() if unit.text in IMPERIAL]
+    if len(units) != 2 or len(odd) != 1:
+        return choices
+    (signal,), (other,) = odd, units.keys() - odd
+    guess = f"stated in {units[signal].text}, the {other} in {units[other].text}: is that so?"
+    return {**choices, signal: replace(choices[signal], guesses=(*choices[signal].guesses, guess))}
 
 
 def _find_signs(choices: dict[str, Choice], table: MotionTable) -> dict[str, Choice]:

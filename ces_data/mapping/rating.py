@@ -16,6 +16,7 @@ import numpy as np
 from ces_data.findings import rate_between_pauses
 from ces_data.limits import RatingLimits, StatisticLimits
 from ces_data.recording import Stamps, Values
+from ces_data.samples import is_rough
 from ces_data.units import QUANTITIES, Unit, find_unit
 from ces_observer.signals import UNITS
 
@@ -88,9 +89,7 @@ class Candidate:
     @cached_property
     def rough(self) -> bool:
         """True if the samples jump about like noise instead of moving like a stroke."""
-        steps = np.diff(self.finite)
-        spread = float(self.finite.std())
-        return bool(len(steps) > 0 and spread > 0.0 and np.sqrt(np.mean(steps**2)) > RatingLimits.ROUGH * spread)
+        return is_rough(self.finite)
 
     @property
     def range_text(self) -> str:

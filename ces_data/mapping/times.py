@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ces_data.findings import rate_between_pauses
 from ces_data.limits import TableLimits
 from ces_data.logs.log_file import LogTable
 from ces_data.logs.log_import import is_digital_clock
@@ -22,6 +23,7 @@ EPOCHS = {"s": 1e8, "ms": 1e11, "us": 1e14, "ns": 1e17}  # smallest numbers of t
 DATE_WORDS = frozenset({"date", "datum", "datetime"})
 TIME_AXES = (("s",), ("x", "value"), ("x", "axis"))  # `X_Value` is LabVIEW's, `XAxis` ControlDesk's
 RATE_WORDS = frozenset({"fs", "rate", "hz", "frequency", "samplerate"})
+SAMPLING_WORDS = frozenset({"fs", "samplerate", "sample", "sampling", "abtastrate"})  # of a rate that is no test's
 PERIOD_WORDS = frozenset({"ts", "dt", "tsample", "sampletime", "samplingtime"})
 TIME_UNITS = {  # by words in names
     **dict.fromkeys(("millis", "millisec", "msec", "ms"), "ms"),
@@ -251,6 +253,17 @@ def doubt_pairs(columns: Sequence[TableColumn], time: LogColumn) -> str:
             "signal has no sample)"
         )
     return ""
+
+
+def doubt_rate(table: LogTable, time: LogColumn, stamps: Stamps, columns: Sequence[TableColumn]) -> str:
+    """Return that the times contradict the rate that a column or the file's header states, '' if they do not."""
+    column = next((c for c in columns if holds_rate(c) and set(split_words(str(c.key))) & SAMPLING_WORDS), None)
+    stated_Hz = table.stated_Hz if column is None else float(np.nanmax(column.values))
+    rate_Hz = rate_between_pauses(stamps)
+    if not stated_Hz or not rate_Hz or abs(rate_Hz / stated_Hz - 1.0) <= TableLimits.RATE_TOLERANCE:
+        return ""
+    where = "the header" if column is None else f"column {column.key!r}"
+    return f"time: {time.key!r} gives {rate_Hz:.4g} Hz, and {where} states {stated_Hz:g} Hz; which is right?"
 
 
 def without_path(error: RecordingError, table: LogTable) -> str:

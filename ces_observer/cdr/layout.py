@@ -13,10 +13,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from ces_observer.errors import SignalsError
-from ces_observer.signals import FieldPath
+from ces_observer.signals import NAMES_BESIDE, FieldPath
 
 FieldsOf = Callable[[str], Mapping[str, str]]  # raises LookupError for an unknown type
-JOINT_NAMES = ("name", "joint_names")  # in the order in which FieldPath looks for them
 KINDS = "boolean octet char int8 uint8 int16 uint16 int32 uint32 int64 uint64 float double"
 CODES = dict(zip(KINDS.split(), "?BBbBhHiIqQfd", strict=True))  # of the module struct
 
@@ -138,10 +137,10 @@ def _find_element(parent: MessagePart, array: Part, path: FieldPath, element: in
     if not isinstance(array, ArrayPart):
         raise CdrUnsupportedError(f"field '{path.text}': [{element}] of a {array.kind}")
     if isinstance(element, str):
-        names = [parent.fields[field] for field in JOINT_NAMES if field in parent.fields]
+        names = [parent.fields[field] for field in NAMES_BESIDE if field in parent.fields]
         if not names:
             raise SignalsError(f"field '{path.text}': no joint '{element}'; the message has no names")
-        if not all(isinstance(part, ArrayPart) and isinstance(part.element, TextPart) for part in names):
+        if not all(map(_is_texts, names)):
             raise CdrUnsupportedError(f"field '{path.text}': the joints of {parent.kind} are not named by strings")
     return array.element
 
@@ -179,9 +178,7 @@ class Walk:
 
     def skip(self, part: Part) -> None:
         """Skip one part."""
-        self._parts += 1
-        if self._parts > MAX_PARTS:
-            raise CdrUnsupportedError(f"{self.where}: more than {MAX_PARTS} parts before it")
+        self._count_parts(1)
         if isinstance(part, NumberPart):
             self.skip_numbers(part, 1)
         elif isinstance(part, TextPart):
@@ -227,6 +224,7 @@ class Walk:
     def read_texts(self, part: Part) -> list[str]:
         """Skip an array of strings and return them."""
         count = self.read_count(part) if isinstance(part, ArrayPart) else 1
+        self._count_parts(count)
         return [self._read_text().decode(errors="replace") for _ in range(count)]
 
     def _skip_uniform(self, of: Part, count: int) -> None:
@@ -244,6 +242,11 @@ class Walk:
     def _skip_one_by_one(self, of: Part, count: int) -> None:
         for _ in range(count):
             self.skip(of)
+
+    def _count_parts(self, count: int) -> None:
+        self._parts += count
+        if self._parts > MAX_PARTS:
+            raise CdrUnsupportedError(f"{self.where}: more than {MAX_PARTS} parts before it")
 
     def _read_text(self) -> bytes:
         """Skip a string, whose last byte is its only NUL, and return it without the NUL."""
@@ -277,7 +280,8 @@ class FieldLayout:
     """The place of a number in messages of `length` bytes that have the same bytes in the spans `fixed`.
 
     `offset` and the spans (start, end) count from the first byte of the encapsulation; `code` is the number's type in
-    the module struct. `runs` are the same spans joined across the meaningless padding between them.
+    the module struct. `runs` are the same spans joined across the meaningless padding between them. `by_names` is the
+    path with the names of elements that it takes by index, as `FieldPath.by_names` returns it.
     """
 
     length: int
@@ -285,6 +289,7 @@ class FieldLayout:
     code: str
     fixed: tuple[Span, ...]
     runs: tuple[Span, ...]
+    by_names: str = ""
 
 
 def find_layout(raw: bytes, record: MessagePart, path: FieldPath) -> FieldLayout:
@@ -295,27 +300,30 @@ def find_layout(raw: bytes, record: MessagePart, path: FieldPath) -> FieldLayout
     """
     walk = Walk(raw, f"field '{path.text}'")
     part: Part = record
+    spelt: list[str] = []
     for name, element in path.steps:
         if isinstance(element, str) and len(raw) > LARGE and element.encode() not in raw:
             raise SignalsError(f"{walk.where}: no joint '{element}'; the message has other names")
         if isinstance(part, MessagePart):
-            part = _enter(walk, part, name, element)
+            part, beside = _enter(walk, part, name, element)
+            spelt.append(name if element is None else f"{name}[{beside or element}]")
     if not isinstance(part, NumberPart):
         raise CdrUnsupportedError(f"field '{path.text}' is a {part.kind}")
     offset = walk.skip_numbers(part, 1)
-    return FieldLayout(len(raw), offset, part.code, _join_spans(walk.fixed, {}), _join_spans(walk.fixed, walk.padding))
+    joined, runs = _join_spans(walk.fixed, {}), _join_spans(walk.fixed, walk.padding)
+    return FieldLayout(len(raw), offset, part.code, joined, runs, path.named(spelt))
 
 
-def _enter(walk: Walk, record: MessagePart, name: str, element: int | str | None) -> Part:
-    """Move to the start of the field `name` or of its element, and return the type of that part."""
+def _enter(walk: Walk, record: MessagePart, name: str, element: int | str | None) -> tuple[Part, str]:
+    """Move to the start of the field `name` or of its element; return the type of that part and the element's name."""
     part = record.fields[name]
     if element is None or not isinstance(part, ArrayPart):
         _skip_fields(walk, record, name, set())
-        return part
-    requested = set(JOINT_NAMES) & set(record.fields) if isinstance(element, str) else set()
+        return part, ""
+    requested = {field for field in NAMES_BESIDE if _is_texts(record.fields.get(field)) and field != name}
     texts = _skip_fields(walk, record, name, requested)
+    names = next((texts[field] for field in NAMES_BESIDE if texts.get(field)), [])
     if isinstance(element, str):
-        names = next((texts[field] for field in JOINT_NAMES if texts.get(field)), [])
         if element not in names:
             raise SignalsError(f"{walk.where}: no joint '{element}'; the message has {names or 'no names'}")
         element = names.index(element)
@@ -323,7 +331,11 @@ def _enter(walk: Walk, record: MessagePart, name: str, element: int | str | None
     if element >= count:
         raise SignalsError(f"{walk.where}: index {element} is outside an array of {count}")
     walk.skip_elements(part.element, element)
-    return part.element
+    return part.element, names[element] if element < len(names) else ""
+
+
+def _is_texts(part: Part | None) -> bool:
+    return isinstance(part, ArrayPart) and isinstance(part.element, TextPart)
 
 
 def _skip_fields(walk: Walk, record: MessagePart, name: str, requested: set[str]) -> dict[str, list[str]]:

@@ -22,7 +22,7 @@ from ces_observer.cdr.layout import (
     parse_message_type,
 )
 from ces_observer.errors import SignalsError
-from ces_observer.signals import Signal
+from ces_observer.signals import ElementNames, Signal
 
 Reading = tuple[int | None, float, bytes]  # header stamp [ns], value [SI], frame id as UTF-8
 HEADER = "std_msgs/Header"
@@ -60,7 +60,8 @@ class Template:
 class RawSignal:
     """Reader of a signal; `read(raw)` returns stamp [ns] (None if unstamped), value [SI] and frame id (empty if none).
 
-    `read` raises SignalsError if the message is malformed before the number or lacks the joint or element, and
+    `read` raises SignalsError if the message is malformed before the number, lacks the joint or element, or has another
+    joint at an index than the first message, and
     CdrUnsupportedError if the message has to be deserialised instead. The bytes after the number are not checked. The
     constructor raises SignalsError if messages of this type have no number at the signal's field, and
     CdrUnsupportedError if no message of this type can be read here.
@@ -75,7 +76,7 @@ class RawSignal:
         if self.stamped and (first != "header" or signal.field.steps[0][0] == "header"):
             raise CdrUnsupportedError(f"field '{signal.field.text}': the header of {signal.type} is not before it")
         self.read: Callable[[bytes], Reading] = self._read_stamped if self.stamped else self._read_unstamped
-        self._path = signal.field
+        self._path, self._names = signal.field, ElementNames(signal.field)
         self._scale = float(signal.scale)
         self._offset = float(signal.offset)
         self._templates: tuple[Template, ...] = ()
@@ -100,7 +101,9 @@ class RawSignal:
     def _read_new_layout(self, raw: bytes) -> Reading:
         template = next((known for known in self._templates if known.fits(raw)), None)
         if template is None:
-            template = _make_template(raw, find_layout(raw, self._record, self._path), self.stamped)
+            layout = find_layout(raw, self._record, self._path)
+            self._names.require(layout.by_names)
+            template = _make_template(raw, layout, self.stamped)
             self._templates = (template, *self._templates[: MAX_TEMPLATES - 1])
         self._last = template.fast_path
         *start, _, number = template.unpack(raw)

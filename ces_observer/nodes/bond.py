@@ -13,23 +13,26 @@ TIMEOUT_S = 4.0  # of nav2's nodes; the manager has its own
 
 
 class Bond:
-    """Says on `bond` that the node lives, every `period_s` [s]; nothing with 0 or without the package `bond`."""
+    """Says on `bond` that the node lives, between `open` and `close`; never without the package `bond`."""
 
-    def __init__(self, node: Node, period_s: float) -> None:
-        self._node, self._period_s, self._told_s = node, period_s, 0.0
+    def __init__(self, node: Node) -> None:
+        self._node = node
         self._publisher: Any = None
+
+    def open(self, period_s: float) -> None:
+        """Begin with heartbeats every `period_s` [s]; none with 0."""
         try:
             kind = get_message("bond/msg/Status")
         except (ImportError, AttributeError):
             return
         if period_s > 0.0:
-            self._message = kind(id=node.get_name(), instance_id=str(uuid4()), active=True)
+            self._message = kind(id=self._node.get_name(), instance_id=str(uuid4()), active=True)
             self._message.heartbeat_period, self._message.heartbeat_timeout = period_s, TIMEOUT_S
-            self._publisher = node.create_publisher(kind, "bond", 10)
+            self._publisher, self._told_s = self._node.create_publisher(kind, "bond", 10), 0.0
 
     def watch(self) -> None:
         """Publish a heartbeat if it is due."""
-        if self._publisher is not None and monotonic() - self._told_s >= self._period_s:
+        if self._publisher is not None and monotonic() - self._told_s >= self._message.heartbeat_period:
             self._told_s = monotonic()
             self._message.header.stamp = self._node.get_clock().now().to_msg()
             self._publisher.publish(self._message)

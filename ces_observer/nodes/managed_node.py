@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from math import inf
 from time import monotonic
 from typing import Any, ClassVar
@@ -37,7 +38,7 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         TableNode.__init__(self, name)
         self.is_active = False
         self.made = ExitStack()
-        self.bond: Bond | None = None
+        self.bond = Bond(self)
         self._mistake: Exception | None = None
         self._fell = self._is_starting = False
         self._next_start_s = inf
@@ -129,20 +130,20 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         outcome = self._run(self.activate)
         self.is_active = outcome == TransitionCallbackReturn.SUCCESS
         if self.is_active and not self.starts_itself:
-            self.guard.call(self._open_bond)
+            self.guard.call(partial(self.bond.open, self.get_parameter("bond_heartbeat_period").value))
         return outcome
 
     def on_deactivate(self, state: Any) -> Any:
         """Let the node withhold; an error if it falls."""
         self.is_active = False
-        self.guard.call(self._close_bond)
+        self.guard.call(self.bond.close)
         outcome = self._run(self.deactivate)
         return TransitionCallbackReturn.ERROR if self._fell else outcome
 
     def on_cleanup(self, state: Any) -> Any:
         """Let go of everything."""
         self.is_active = False
-        self.guard.call(self._close_bond)
+        self.guard.call(self.bond.close)
         return self._run(self._let_go)
 
     def on_shutdown(self, state: Any) -> Any:
@@ -156,19 +157,6 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         self._fell = False
         self.on_cleanup(state)
         return TransitionCallbackReturn.SUCCESS
-
-    def watch_bond(self) -> None:
-        """Send the heartbeat that is due."""
-        if self.bond is not None:
-            self.bond.watch()
-
-    def _open_bond(self) -> None:
-        self.bond = Bond(self, self.get_parameter("bond_heartbeat_period").value)
-
-    def _close_bond(self) -> None:
-        bond, self.bond = self.bond, None
-        if bond is not None:
-            bond.close()
 
     def _let_go(self) -> None:
         made, self.made = self.made, ExitStack()

@@ -114,7 +114,7 @@ class Vehicle(Party):
         wait(lambda: events == ["formed"], "a bond")
         assert end()
         wait(lambda: events == ["formed", "broken"], "the end of the bond")
-        bond.shutdown()
+        bond.is_shutdown = True  # its own `shutdown` takes the subscription from under the executor
 
     def drive_until(self, condition: Callable[[], bool], what: str, **options: Any) -> None:
         """Drive until `condition` holds: samples that a busy computer holds up for too long are withheld."""

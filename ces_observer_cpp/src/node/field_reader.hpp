@@ -61,11 +61,11 @@ public:
     return std::any_of(steps_.begin(), steps_.end(), [](const Step & step) {return !step.joint.empty();});
   }
 
-  // The value [SI] in a message; nothing with `error` set if it lacks the joint or element. It allocates in that
-  // case only.
-  std::optional<double> read(const void * message, std::string & error) const {
+  // The value [SI] in a message; nothing with `error` set if it lacks the joint or element, or if an index is another
+  // joint than in the first message. It allocates in that case and for the first message only.
+  std::optional<double> read(const void * message, std::string & error) {
     const void * at = message;
-    for (const auto & step : steps_) {
+    for (auto & step : steps_) {
       const void * parent = at;
       const auto & member = *step.member;
       at = at_offset(parent, member.offset_);
@@ -78,6 +78,7 @@ public:
           std::to_string(count);
         return std::nullopt;
       }
+      if (!is_same_joint(step, parent, error)) {return std::nullopt;}
       if (member.get_const_function == nullptr) {  // std::vector<bool>
         bool value = false;
         member.fetch_function(at, *index, &value);
@@ -89,11 +90,12 @@ public:
   }
 
 private:
-  // A field, and the element of it if it is an array: by index, or by the position of `joint` in one of `names`.
+  // A field, and the element of it if it is an array: by index, which is `first` in the first message that names it,
+  // or by the position of `joint` in one of `names`.
   struct Step {
     const MessageMember * member = nullptr;
     std::size_t index = 0;
-    std::string joint;
+    std::string joint, first;
     std::vector<const MessageMember *> names;
   };
 
@@ -125,12 +127,14 @@ private:
       step.index = std::stoul(element);
     } else if (!element.empty()) {
       step.joint = element;
-      for (const auto * key : {"name", "joint_names"}) {
-        const auto * member = find_member(type, key);
-        const bool is_list = member && member->is_array_ && member->type_id_ == types::ROS_TYPE_STRING;
-        if (is_list) {step.names.push_back(member);}
-      }
-      if (step.names.empty()) {throw UserError(where_ + ": no joint '" + element + "'; the message has no names");}
+    }
+    for (const auto * key : {"name", "joint_names", "interface_groups", "interface_names"}) {
+      const auto * member = find_member(type, key);
+      const bool is_list = member && member->is_array_ && member->type_id_ == types::ROS_TYPE_STRING;
+      if (is_list) {step.names.push_back(member);}
+    }
+    if (!step.joint.empty() && step.names.empty()) {
+      throw UserError(where_ + ": no joint '" + element + "'; the message has no names");
     }
     return step;
   }
@@ -154,6 +158,25 @@ private:
     }
     error = "field '" + text_ + "': no joint '" + step.joint + "'; the message has no names";
     return std::nullopt;
+  }
+
+  // Whether the index of a step is the joint of the first message that names it; else `error` is set.
+  bool is_same_joint(Step & step, const void * parent, std::string & error) const {
+    if (!step.joint.empty()) {return true;}
+    for (const auto * names : step.names) {
+      const void * field = at_offset(parent, names->offset_);
+      const auto count = names->size_function(field);
+      if (count == 0) {continue;}
+      if (step.index >= count) {return true;}
+      const auto & name = *static_cast<const std::string *>(names->get_const_function(field, step.index));
+      if (step.first.empty()) {step.first = name;}
+      if (name == step.first) {return true;}
+      const std::string field_name = step.member->name_;
+      error = "field '" + text_ + "' is " + field_name + "[" + step.first + "] in the first message and " + field_name +
+        "[" + name + "] in another; take it by name";
+      return false;
+    }
+    return true;
   }
 
   using Load = double (*)(const void *);

@@ -221,7 +221,7 @@ private:
       // Simulated time does not show when a message without a stamp was sent.
       const auto stamp = header ? header->stamp.sec * SECOND + header->stamp.nanosec :
         is_local || clock_.is_simulated() ? now : topic.arrivals.stamp(info.source_timestamp, now);
-      for (const auto & reader : topic.readers) {
+      for (auto & reader : topic.readers) {
         if (const auto value = reader.field.read(message, topic.error)) {
           reader.deliver(stamp - reader.delay, *value, header ? header->frame_id : NO_FRAME, now);
         } else {

@@ -6,7 +6,7 @@ import tiny_bags as tiny
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_data.bags.decode import LAYOUTS_PER_LENGTH, Block, MessageDecoder, element_name
+from ces_data.bags.decode import LAYOUTS_PER_LENGTH, Block, MessageDecoder
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 
@@ -32,7 +32,7 @@ def read_one(raw, kind, paths, names=()):
     numbers = []
     for path, first in zip(paths, names or [""] * len(paths), strict=True):
         try:
-            name = element_name(message, path)  # a number of another joint than the first message's is none
+            name = path.by_names(message)  # a number of another joint than the first message's is none
             numbers.append("another joint" if name and first and name != first else path.read(message))
         except SignalsError as error:
             numbers.append(str(error))
@@ -40,7 +40,7 @@ def read_one(raw, kind, paths, names=()):
 
 
 def slow_twin(payloads, kind, paths):
-    names = [element_name(STORE.deserialize_cdr(payloads[0], kind), path) for path in paths] if payloads else ()
+    names = [path.by_names(STORE.deserialize_cdr(payloads[0], kind)) for path in paths] if payloads else ()
     read = [read_one(raw, kind, paths, names) for raw in payloads]
     rows = [[np.nan if isinstance(x, str) else x for x in row] for row in read]
     present = [[not isinstance(x, str) for x in row] for row in read]

@@ -1,5 +1,6 @@
 """Bags whose header stamps and log times are of two clocks, whose joints change places, or lack a definition."""
 
+import json
 import warnings
 
 import numpy as np
@@ -10,6 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ces_data.bags.reader import RecordingWarning, read_recording
 from ces_data.logs.log_file import refuse_bag
+from ces_data.mapping.candidates import find_bag_candidates
 from ces_data.mapping.proposals import propose_signals
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Signals
@@ -121,7 +123,9 @@ def test_an_index_that_is_another_joint_is_refused_and_the_advice_works(tmp_path
         return (["steer"], [9.0]) if k % 10 == 5 else (["rear_damper"], [0.001 * k])
 
     path = write(tmp_path / "bag", LOGGED, joint)
-    found = r"position\[0\] on /joint_states is 'rear_damper' first, and 'steer' in 60 of 600 messages .*"
+    found = (
+        r"position\[0\] on /joint_states is 'position\[rear_damper\]' first, and 'position\[steer\]' in 60 of 600 .*"
+    )
     with pytest.raises(RecordingError, match=found + r"; take it by name: position\[rear_damper\]"):
         read_recording(path, BY_INDEX)
     with pytest.warns(RecordingWarning, match=r"position: missing in 60 of 600 messages"):
@@ -135,7 +139,7 @@ def test_a_few_messages_of_another_order_are_left_out_with_a_warning(tmp_path):
         return (names[::-1], values[::-1]) if k == 300 else (names, values)
 
     path = write(tmp_path / "bag", LOGGED, joint)
-    with pytest.warns(RecordingWarning, match=r"is 'rear_damper' first, and 'steer' in 1 of 600 messages .* left out"):
+    with pytest.warns(RecordingWarning, match=r"first, and 'position\[steer\]' in 1 of 600 messages .* left out"):
         channel = read_recording(path, BY_INDEX).channel("position")
     assert len(channel) == COUNT - 1
     assert channel.values.max() < 1.0
@@ -178,20 +182,60 @@ def test_an_incomplete_type_of_another_topic_is_named_and_not_in_the_way(tmp_pat
         read_recording(path, Signals.from_mapping(signals, "signals.yaml"), need=("force",))
 
 
-def test_mcap_of_json_is_refused_by_the_import_for_what_it_is(tmp_path):
+def write_foreign(path, encoding, schema, topics):
+    """Write an MCAP file of 50 messages on each of these topics: its type, its definition, and message k's bytes."""
     from mcap.writer import Writer as McapWriter
 
-    with (tmp_path / "log.mcap").open("wb") as file:
+    with path.open("wb") as file:
         writer = McapWriter(file)
         writer.start()
-        schema = writer.register_schema("rig", "jsonschema", b"{}")
-        channel = writer.register_channel("/rig", "json", schema)
-        writer.add_message(channel, 0, b'{"x": 1}', 0)
+        for topic, (kind, text, raw) in topics.items():
+            number = writer.register_schema(kind, schema, text.encode())
+            channel = writer.register_channel(topic, encoding, number)
+            for k in range(50):
+                writer.add_message(channel, k * 10_000_000, raw(k), k * 10_000_000)
         writer.finish()
-    with pytest.raises(
-        RecordingError, match=r"are encoded as 'json', expected cdr; write their numbers as a CSV table"
-    ):
-        refuse_bag(tmp_path / "log.mcap")
+    return path
+
+
+def test_json_inside_mcap_is_read_as_messages_of_numbers_and_what_is_missing_is_none(tmp_path):
+    def rig(k):
+        state = {"damper": {"x [m]": 0.001 * k, "ok": True}, "name": ["rear", "front"], "load": [10.0 * k, None, 3]}
+        return json.dumps({**state, "load": [10.0 * k, 1] if k != 7 else None, "2nd": None, "text": "on"}).encode()
+
+    path = write_foreign(tmp_path / "log.mcap", "json", "jsonschema", {"/rig": ("lab.Rig", "{}", rig)})
+    source = {"topic": "rig", "type": "json/msg/lab_Rig"}
+    fields = {"position": {**source, "field": "damper.x__m"}, "force": {**source, "field": "load[rear]"}}
+    with pytest.warns(RecordingWarning, match="force: missing in 1 of 50 messages on /rig"):
+        recording = read_recording(path, Signals.from_mapping(fields, "signals.yaml"), need=("position", "force"))
+    assert recording.channel("position").values.tolist() == [0.001 * k for k in range(50)]
+    assert recording.channel("force").values.tolist() == [10.0 * k for k in range(50) if k != 7]
+    with pytest.raises(RecordingError, match="a bag needs no import"):
+        refuse_bag(path)
+
+
+def test_ros_1_inside_mcap_is_read(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+
+    def joints(k):
+        head = store.types["std_msgs/msg/Header"](k, store.types["builtin_interfaces/msg/Time"](k, 0), "")
+        numbers = np.array([0.001 * k]), np.empty(0), np.empty(0)
+        message = store.types["sensor_msgs/msg/JointState"](head, ["rear_damper"], *numbers)
+        return bytes(store.serialize_ros1(message, "sensor_msgs/msg/JointState"))
+
+    text, _ = store.generate_msgdef("sensor_msgs/msg/JointState", ros_version=1)
+    topics = {"/joint_states": ("sensor_msgs/JointState", text, joints)}
+    position = read_recording(write_foreign(tmp_path / "a.mcap", "ros1", "ros1msg", topics), DEFAULT, need=()).channel(
+        "position"
+    )
+    assert (position.values.tolist(), position.stamps_ns[3]) == ([0.001 * k for k in range(50)], 3 * tiny.SECOND)
+
+
+def test_another_encoding_inside_mcap_is_in_the_way_only_where_it_is_needed(tmp_path):
+    kinds = {"/joint_states": ("sensor_msgs/msg/JointState", "", bytes)}
+    path = write_foreign(tmp_path / "a.mcap", "protobuf", "protobuf", kinds)
+    with pytest.raises(RecordingError, match="is encoded as 'protobuf'; expected cdr, ros1 or json; write its numbers"):
+        read_recording(path, DEFAULT, need=("position",))
 
 
 INTERFACES = (
@@ -214,8 +258,16 @@ def test_interfaces_of_a_joint_whose_order_changes_are_named_and_not_mixed(tmp_p
 
     rows = [(int(LOGGED[k]), state(k)) for k in range(COUNT)]
     path = tiny.write(tmp_path / "bag", [("/states", kind, rows), *tiny.drive()], store=store)
-    field = "interface_values[damper].values[0]"
-    signals = {"position": {"topic": "states", "type": kind, "field": field}}
-    with pytest.raises(RecordingError, match=r"is 'position' first, and 'effort' in 300 of 600 messages"):
-        read_recording(path, Signals.from_mapping(signals, "signals.yaml"), need=("position",))
-    assert "and 'effort' in 300 of 600 messages" in propose_signals([path]).skipped[f"/states {field}"]
+    field = "interface_values[0].values[0]"
+    named = [f"interface_values[damper].values[{name}]" for name in ("position", "effort")]
+
+    def read(text):
+        signals = {"position": {"topic": "states", "type": kind, "field": text}}
+        return read_recording(path, Signals.from_mapping(signals, "signals.yaml"), need=("position",))
+
+    with pytest.raises(RecordingError) as error:
+        read(field)
+    assert f"is '{named[0]}' first, and '{named[1]}' in 300 of 600 messages" in str(error.value)
+    assert str(error.value).endswith(f"take it by name: {named[0]}")
+    assert [set(read(text).channel("position").values.tolist()) for text in named] == [{0.1}, {9.0}]
+    assert {f"/states {text}" for text in named} <= {c.label for c in find_bag_candidates([path])[0]}

@@ -159,31 +159,6 @@ def refusal(path, chunk):
     return str(caught.value)
 
 
-def write_mixed(path, profile, *encodings):
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile=profile, library="a logger")
-        schema = writer.register_schema("Pos", "jsonschema", b"{}")
-        for number, encoding in enumerate(encodings):
-            channel = writer.register_channel(f"/pos{number}", encoding, schema)
-            writer.add_message(channel, log_time=5, publish_time=5, data=b'{"x": 1}')
-        writer.finish()
-
-
-@pytest.mark.parametrize("profile", ["", "ros2"])
-def test_a_file_of_other_messages_says_what_it_is_and_what_to_do(tmp_path, profile):
-    path = tmp_path / "log.mcap"
-    write_mixed(path, profile, "json")
-    phrase = r"log\.mcap: an MCAP file, but not of ROS 2: its messages \(/pos0\) are encoded as 'json', .*ces import"
-    with pytest.raises(RecordingError, match=phrase):
-        list_topics(path)
-    write_mixed(path, profile, "json", "cdr", "protobuf")
-    with pytest.raises(
-        RecordingError, match=r"topics \(/pos0, /pos2\) are encoded as 'json', 'protobuf'; .*mcap filter"
-    ):
-        list_topics(path)
-
-
 DEFAULT = Signals.from_mapping({}, "defaults")
 COUNT = 300
 SCALES = {"position": (0.0, 0.001), "current": (0.3, 0.01), "force": (0.0, 10.0)}  # of tiny.drive

@@ -125,6 +125,8 @@ def test_a_force_that_is_sampled_too_slowly_is_no_overflow():
         ({"force": held(0.4, 0.402)}, "warning", "force: stuck once, at 10.00 s, 0.2% of the time"),
         ({"current": scaled(1e3)}, "wrong model", "by 0.001 if it is in mA"),
         ({"current": scaled(100.0)}, "warning", "percent or raw counts"),
+        ({"current": scaled(1e-3)}, "warning", "opens no valve; was it taken for mA? Then multiply its scale in the"),
+        ({"position": lambda x: 0.02 * (x - x.mean())}, "warning", "was it taken for mm? multiply its scale in the"),
         ({"force": lambda f: np.clip(f, -1200.0, 600.0)}, "wrong model", "force: the channel saturates"),
         ({"force": lambda f: np.clip(f, -3000.0, 1250.0)}, "warning", "record with a larger range"),
         ({"force": lambda f: 0.0 * f + 3.0}, "wrong model", "force: constant at 3 N"),

@@ -61,6 +61,18 @@ def test_blocks_with_headers_are_one_recording_with_gaps(tmp_path, monkeypatch, 
     assert "three'" in note
 
 
+def test_one_block_is_taken_by_its_number(tmp_path):
+    a, b, _ = PARTS
+    path = write(tmp_path, bench(a, T[a], title="one"), bench(b, T[b], ("s", "m", "N", "A"), title="two"))
+    for rows, part in (("block(1)", a), ("block(2)", b)):
+        (tmp_path / "map.yaml").write_text(f"rows: {rows}\n{propose_mapping(path).text}")
+        recording = import_log(path, load_dyno_mapping(tmp_path / "map.yaml"))
+        np.testing.assert_allclose(recording.channel("position").values, X[part], rtol=1e-12, atol=1e-15)
+    (tmp_path / "map.yaml").write_text(f"rows: block(3)\n{propose_mapping(path).text}")
+    with pytest.raises(RecordingError, match=r"rows is 'block\(3\)'; expected block\(1\) to block\(2\)"):
+        import_log(path, load_dyno_mapping(tmp_path / "map.yaml"))
+
+
 def test_blocks_that_all_begin_at_zero_come_one_after_the_other(tmp_path, capsys):
     path = write(tmp_path, *(bench(part, T[part] - T[part][0]) for part in PARTS))
     assert main(["import", str(path), "--out", str(tmp_path / "bag")]) == 0

@@ -77,6 +77,18 @@ def test_a_structure_and_a_matrix(tmp_path):
     assert_recording(import_log(path, mapping(numbered + "rows: m\n")), slow=False)
 
 
+def test_one_of_several_runs_is_taken_by_its_number(tmp_path):
+    """An array of structures, whose fields are references without a class."""
+    runs = [{"t": T, "x_mm": 1000 * X, "i": CURRENT, "F": k * F} for k in (1.0, 2.0)]
+    path = save(tmp_path / "log.mat", {"run": {name: [run[name] for run in runs] for name in runs[0]}})
+    with h5py.File(path, "r+") as file:
+        for field in file["run"].values():
+            del field.attrs["MATLAB_class"]
+    assert "rows: the file has 2 runs, run(1) to run(2); this is run(1)" in propose_mapping(path).doubts[0]
+    recording = import_log(path, mapping(TABLE + "rows: run(2)\n"))
+    np.testing.assert_allclose(recording.channel("force").values, 2.0 * F)
+
+
 def test_time_series_keep_their_own_times(tmp_path):
     series = {
         "position_mm": {"time": column(T), "signals": {"values": column(1000 * X), "dimensions": 1.0}},

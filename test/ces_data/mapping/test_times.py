@@ -128,3 +128,23 @@ def test_a_unit_known_by_its_range_alone_is_said(tmp_path, capsys):
     assert main(["import", str(path), "--out", str(tmp_path / "bag")]) == 0
     assert "force: no unit is stated; taken as N" in capsys.readouterr().err
     assert "# CHECK: no unit is stated; taken as N" in propose_mapping(path).text
+
+
+@pytest.mark.parametrize("line", ["Sample Rate: {} Hz", "# Abtastrate [Hz];{}", "Scan rate (Hz)\t{}"])
+def test_a_rate_that_the_header_states_is_compared_or_taken(tmp_path, line):
+    path = write(tmp_path, "time_s", T.tolist())
+    path.write_text(f"{line.format('1000.0')}\n{path.read_text()}")
+    (doubt,) = propose_mapping(path).doubts
+    assert doubt == "time: 'time_s' gives 500 Hz, and the header states 1000 Hz; which is right?"
+    path.write_text(f"{line.format('500')}\n{SIGNALS}\n" + "".join(row[1:] for row in ROWS))
+    proposal = propose_mapping(path)
+    assert "rate 500 Hz" in proposal.found
+    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
+
+
+def test_a_unit_of_another_system_than_the_strokes_is_said(tmp_path):
+    path = write(tmp_path, "time_s", T.tolist())
+    path.write_text(path.read_text().replace("force_N", "force_lbf", 1))
+    assert propose_mapping(path).remarks == ("force: stated in lbf, the position in mm: is that so?",)
+    path.write_text(path.read_text().replace("position_mm", "position [in]", 1))
+    assert propose_mapping(path).remarks == ()

@@ -21,12 +21,12 @@ def test_raw_reading_is_that_of_the_message(built, path):
     described = signal(built.__msgtype__, path, scale=-0.5, offset=3)
     asked = RawSignal(described, fields_of)
     assert asked.stamped is hasattr(built, "header")
-    assert [asked.read(serialised(built)) for _ in range(2)] == [read_message(built, described)] * 2
+    assert [asked.read(serialised(built)) for _ in range(2)] == [read_message(built, described.make_reader())] * 2
 
 
-def read_message(built, described):
+def read_message(built, value_of):
     """Return what a raw reading of a message should give."""
-    value = described.make_reader()(built)
+    value = value_of(built)
     if not hasattr(built, "header"):
         return None, value, b""
     stamp = built.header.stamp
@@ -61,9 +61,22 @@ def outcome(read, given_message):
 )
 def test_one_reader_follows_any_joint_states(stream, path):
     described = signal(JOINTS, path)
-    asked = RawSignal(described, fields_of)
+    asked, value_of = RawSignal(described, fields_of), described.make_reader()
     for built in stream * 2:
-        assert outcome(asked.read, serialised(built)) == outcome(lambda one: read_message(one, described), built)
+        assert outcome(asked.read, serialised(built)) == outcome(lambda one: read_message(one, value_of), built)
+
+
+@pytest.mark.parametrize(
+    "read", [lambda path: reader(JOINTS, path).read, lambda path: signal(JOINTS, path).make_reader()]
+)
+def test_an_index_that_becomes_another_joint_is_unreadable_until_it_is_the_first_again(read):
+    asked = read("position[1]")
+    given = serialised if isinstance(getattr(asked, "__self__", None), RawSignal) else lambda built: built
+    first, other = joints(["fork", "rear"], [0.1, 0.2]), joints(["rear", "fork"], [0.2, 0.1])
+    for _ in range(2):
+        asked(given(first))
+        with pytest.raises(SignalsError, match=r"is position\[rear\] in the first message and position\[fork\] in an"):
+            asked(given(other))
 
 
 @pytest.mark.parametrize(
