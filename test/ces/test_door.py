@@ -366,7 +366,10 @@ MISTAKES = {
     "columns": (lambda m, r: ces.Recording.from_frame(columns(), columns="x"), "columns: expected columns by signal"),
     "a list": (lambda m, r: ces.Recording.from_frame([1, 2]), "expected a DataFrame or a mapping of arrays"),
     "an estimator": (lambda m, r: ces.DamperModel().predict(r), "not fitted yet; call fit first"),
-    "rows": (lambda m, r: ces.DamperModel().fit(np.zeros((9, 2)), np.zeros(9)), r"X has shape \(9, 2\); expected"),
+    "rows": (
+        lambda m, r: ces.DamperModel().fit(np.zeros((9, 2)), np.zeros(9)),
+        "X has n_samples = 9, n_features = 2; expected",
+    ),
 }
 
 
