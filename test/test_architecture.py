@@ -70,12 +70,12 @@ MAX_PACKAGE = {
     "ces_observer": 144.6,
     "ces_data": 115.3,
     "ces_report": 14,
-    "ces_identify": 182,
+    "ces_identify": 191.6,
     "ces_rig": 71.9,
     "ces_gap": 129.1,
-    "ces_cli": 71.5,
+    "ces_cli": 71.6,
     "bench": 72.5,
-    "test": 478.5,
+    "test": 481.5,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

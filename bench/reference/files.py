@@ -15,7 +15,7 @@ from ces_observer.signals import NAMES
 from ces_report.table import row_fields
 
 Schema = Mapping[str, Any]
-FILES = ("signals", "import", "candidates", "campaign", "experiment", "iterate")
+FILES = ("signals", "import", "candidates", "rules", "campaign", "experiment", "iterate")
 DEPTH = 2
 OF_SIGNALS = ("signals", "import", "candidates")  # files whose first keys are signals
 SIGNAL = re.compile(rf"^({'|'.join(NAMES)})\b")
