@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 129.1,
     "ces_cli": 71.6,
     "bench": 72.5,
-    "test": 481.5,
+    "test": 481.4,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
