@@ -8,7 +8,7 @@ signal of a damper (images, point clouds, logs, transforms) are passed over.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -23,7 +23,7 @@ from ces_data.bags.clocks import compare_clocks, find_shift
 from ces_data.bags.decode import DAMAGED, HEADER, Block, MessageDecoder, TopicSamples, undecodable
 from ces_data.bags.storage import Bag, Topic, open_bag
 from ces_data.recording import Stamps, Values
-from ces_observer.errors import CesError, RecordingError, SignalsError
+from ces_observer.errors import CesError, RecordingError
 from ces_observer.signals import NAMES_BESIDE, FieldPath, names_beside
 
 MAX_FIELDS = 64  # of one topic
@@ -86,32 +86,6 @@ def read_fields(path: Path) -> BagFields:
         skipped |= {f"{name} {field}": why for name in samples for field, why in samples[name].decoder.mixed()}
         series = tuple(one for name in samples for one in _list_series(topics[name], samples[name], shift_ns))
         return BagFields(series, bag.topics, skipped)
-
-
-def read_series(path: Path, fields: Sequence[tuple[str, str]]) -> list[FieldSeries]:
-    """Read the numbers at these topics and fields, all messages; raises RecordingError or SignalsError."""
-    with open_bag(path) as bag:
-        topics = {topic.name.lstrip("/"): topic for topic in bag.topics}
-        samples: dict[str, TopicSamples] = {}
-        for name in {name for name, _ in fields}:
-            topic = topics.get(name.lstrip("/"))
-            if topic is None:
-                present = ", ".join(f"{topic.name} ({topic.type})" for topic in bag.topics)
-                raise RecordingError(f"{path}: no topic '{name}'; the bag has {present}")
-            paths = [FieldPath.parse(text) for at, text in fields if at == name]
-            where = f"{bag.path}: topic {topic.name}"
-            samples[topic.name] = TopicSamples(MessageDecoder(topic.type, paths, bag.typestore(topic), where))
-        for name, block in bag.blocks(samples):
-            samples[name].add(block)
-        series = (s for name, one in samples.items() for s in _list_series(topics[name.lstrip("/")], one))
-        by_field = {(one.topic, one.field): one for one in series}
-        for name, text in fields:
-            topic_name = topics[name.lstrip("/")].name
-            if (topic_name, text) not in by_field:
-                decoder = samples[topic_name].decoder
-                reason = decoder.reasons[[path.text for path in decoder.fields].index(text)]
-                raise SignalsError(f"{path}: topic {name}: {reason or f'field {text!r}: no messages'}")
-        return [by_field[topics[name.lstrip("/")].name, text] for name, text in fields]
 
 
 def format_fields(message: object, typename: str, typestore: Typestore) -> str:

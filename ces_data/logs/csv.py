@@ -299,7 +299,7 @@ class CsvTable(LogTable):
         numpy and float read the same doubles.
         """
         mark, between, width = self.dialect.decimal, self.dialect.delimiter, len(self._columns)
-        if len(self._lines) < SAMPLE or between == " " or any(c.texts is not None for c in self._columns):
+        if len(self._lines) < SAMPLE or between in (" ", mark) or any(c.texts is not None for c in self._columns):
             return None
         part = part.replace(b"\r\n", b"\n").replace(f"{between} ".encode(), between.encode())
         if part.translate(None, PLAIN + f"{mark}{between}".encode()):

@@ -82,7 +82,8 @@ def find_dialect(path: Path, mapping: DynoMapping) -> CsvDialect:
         lines = [line for _, line in zip(range(SAMPLE_LINES), file, strict=False)]
     delimiters = [mapping.delimiter] if mapping.delimiter else list(DELIMITERS)
     decimals = [mapping.decimal] if mapping.decimal else [".", ","]
-    choices = [(d, p) for d in delimiters for p in decimals if d != p]
+    quoted = any('"' in line for line in lines[-LAST_ROWS:])  # where a comma may be both
+    choices = [(d, p) for d in delimiters for p in decimals if d != p or quoted]
     delimiter, decimal = max(choices, key=lambda choice: _fit(lines, *choice)) if len(choices) > 1 else choices[0]
     head, names, units, names_line = find_header(parse_lines(lines, delimiter), mapping.header_lines, decimal)
     if delimiter == " " and names:  # names of several words, with more blanks between them
@@ -241,7 +242,7 @@ def _find_first_row(rows: Rows, width: int, decimal: str) -> int | None:
     words = filled - {i for row in wide for i, text in enumerate(row) if text and is_value(text, decimal)}
     blank_first = not any(row[0] for row in texts[-LAST_ROWS:] if row)
     for at, row in enumerate(texts):
-        if blank_first and row and row[0]:  # a line of the header that begins with its name
+        if blank_first and row and row[0] and not is_value(row[0], decimal):  # of the header, as it begins with a name
             continue
         others = [text for i, text in enumerate(row) if i not in words]
         if len(rows[at][1]) < width or not any(is_number(text, decimal) for text in others):
