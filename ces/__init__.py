@@ -68,9 +68,9 @@ __getattr__ = import_on_use(
 
 def identify(
     recordings: RecordingInputs,
+    structure: str = "polynomial",
     *,
     validation: RecordingInputs = (),
-    structure: str = "polynomial",
     signals: PathInput | None = None,
     ignore_findings: bool = False,
     progress: ProgressInput = None,
@@ -89,6 +89,10 @@ def identify(
     from ces_identify.scripting.model import identify_model
     from ces_identify.scripting.progress import show_progress
 
+    if not isinstance(structure, str):
+        raise CesError(
+            "structure: expected a name; with X and y as scikit-learn has them, take ces.DamperModel().fit(X, y)"
+        )
     _require_options(identify, options, [option.name for option in list_options()])
     request = IdentifyRequest.of({"structure": structure, "ignore_findings": ignore_findings, **options})
     given, held_out = as_recordings(recordings, signals), as_recordings(validation, signals, required=False)
@@ -144,14 +148,15 @@ def characterise(
     recordings: RecordingInputs,
     *,
     model: SimulationInputs = (),
+    rules: PathInput | Mapping[str, Any] | None = None,
     out: PathInput | None = None,
     title: str = "",
     note: str = "",
     overwrite: bool = False,
 ) -> Characteristics:
-    """Return what a damper dyno shows of recordings, beside simulations; write page and CSV files to `out`.
+    """Return what a damper dyno shows of recordings, beside simulations; write page and tables to `out`.
 
-    `model` is one simulation, or several, in a list or by name.
+    `model` is one simulation, or several, in a list or by name; `rules` are those of a bench, a file or its content.
     """
     from ces_data.reading import as_recordings
     from ces_identify.characteristics.characterise import characterise as characterise_recordings
@@ -159,7 +164,7 @@ def characterise(
 
     target = _require_output("out", out, overwrite)
     given = as_recordings(recordings)
-    result = characterise_recordings(given, simulations=_open_all("model", model))
+    result = characterise_recordings(given, simulations=_open_all("model", model), rules=rules)
     if target is not None:
         write_characteristics(target, result, _head(title, note, given))
     return result

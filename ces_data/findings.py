@@ -49,11 +49,13 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
 
     Errors: constant position; an empty channel, or one with more than 1 % NaN or infinite samples; a value beyond all
     units; time running backwards, or standing still; rates a factor of 100 apart; current absent for more than 1 % of
-    the time. Warnings: fewer NaN or infinite samples, a pause of all signals, a short absence of the current.
+    the time. Warnings: fewer NaN or infinite samples, a pause of all signals, a short absence of the current, positions
+    and forces that are missing in a table.
     """
     start_ns = min((int(c.stamps_ns[0]) for c in recording.channels.values() if len(c)), default=0)
     single = (_check_channel(channel, start_ns) for channel in recording.channels.values())
-    return sort_findings(*single, _check_position_and_rates(recording), _check_gaps(recording, start_ns))
+    of_all = _check_position_and_rates(recording), _check_gaps(recording, start_ns), _check_blanks(recording)
+    return sort_findings(*single, *of_all)
 
 
 def sort_findings(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -177,6 +179,23 @@ def _check_gaps(recording: Recording, start_ns: int) -> Iterator[Finding]:
         text = f"current: absent {_describe_stretches(absent, start_ns)}, {share:.1%} of the time; expected it wherever"
         severity = ERROR if share > RecordingLimits.MISSING_SHARE else WARNING
         yield Finding(severity, f"{text} position is recorded", "current")
+
+
+def _check_blanks(recording: Recording) -> Iterator[Finding]:
+    """Report positions and forces that are missing at times of a table; those of a slower signal are none."""
+    whole = max((channel.stamps_ns for channel in recording.channels.values()), key=len)
+    for channel in (recording.channels[name] for name in ("position", "force") if name in recording.channels):
+        own = channel.stamps_ns
+        if not 2 < len(own) < len(whole) or not np.isin(own, whole).all():
+            continue
+        usual = float(np.median(np.diff(own)))
+        steps = np.diff(np.concatenate([whole[:1] - usual, own, whole[-1:] + usual]))
+        lost = int((np.rint(steps / usual) - 1.0)[steps > 1.5 * usual].sum()) if usual else 0
+        if lost > RecordingLimits.BAD_SHARE * len(own) or steps.max() > RecordingLimits.GAP_INTERVALS * usual > 0.0:
+            text = (
+                f"{channel.name}: {lost} of {lost + len(own)} samples are missing, for up to {steps.max() / SECOND:.3g}"
+            )
+            yield Finding(WARNING, f"{text} s; longer gaps than 0.05 s are not bridged", channel.name)
 
 
 def _intersect(some: list[tuple[int, int]], others: list[tuple[int, int]]) -> list[tuple[int, int]]:

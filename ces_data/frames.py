@@ -10,10 +10,10 @@ import yaml
 
 from ces_data.findings import warn
 from ces_data.logs.frame import FrameTable, is_frame
-from ces_data.logs.log_file import LogTable, TimedLog
+from ces_data.logs.log_file import LogTable, TimedLog, join_names
 from ces_data.logs.log_import import to_recording
 from ces_data.mapping.choice import PASSIVE
-from ces_data.mapping.proposals import GIVE_RATE, NO_TIME, parse_mapping_without_force, propose_for
+from ces_data.mapping.proposals import GIVE_RATE, NO_TIME, NOT_READ, parse_mapping_without_force, propose_for
 from ces_data.recording import Recording
 from ces_data.tables import tabulate
 from ces_data.units import split_unit
@@ -41,7 +41,10 @@ def read_frame(
     """
     if not is_table(table):
         raise CesError(f"{name or 'table'}: expected a DataFrame or a mapping of arrays; got a {type(table).__name__}")
-    name = name or (NAME if is_frame(table) else "arrays") + (f" {number}" if number else "")
+    if not isinstance(name, str):
+        raise CesError(f"name: expected text; got {name!r}")
+    named = getattr(table, "attrs", {}).get("name", "")
+    name = name or str(named) or (NAME if is_frame(table) else "arrays") + (f" {number}" if number else "")
     return read_columns(FrameTable(table, name), columns or {}, need)
 
 
@@ -60,10 +63,12 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
     doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled]
     if doubts:
         remedy = "" if doubts[0] in proposal.faults else _remedy(doubts[0])
-        raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE).replace(f'; {PASSIVE}', '')}{remedy}")
+        has = f"; of {join_names(log.names)}" if remedy and isinstance(log, LogTable) and log.names else ""
+        raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE).replace(f'; {PASSIVE}', '')}{has}{remedy}")
     for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
         warn(f"{name}: {remark}")
     taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
+    taken += [text for text in proposal.remarks if text.endswith(NOT_READ)]
     return replace(to_recording(log, parse_mapping_without_force(content, name)), taken=", ".join(taken))
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from ces_observer.limits import ClockLimits
+
 
 class RecordingLimits:
     """Whether a recording can be used at all (docs/checks.md: an error)."""
@@ -26,8 +28,8 @@ class RecordingLimits:
     RATE_RATIO = 100.0  # between two signals: a force at 10 Hz says nothing about a stroke at 1 kHz
     MISSING_SHARE = 0.01  # of the position's span, without current
     MISSING_S, USUAL_INTERVALS = 0.5, 20.0  # [s] without samples, and in median intervals: a signal is absent
-    CLOCK_OFFSET_S, OTHER_CLOCK_S = 0.02, 1.0  # [s] between header and log times: messages take less; of two clocks
-    LATE_S, STAYS_SHARE = 0.1, 0.1  # [s] between topics, to be said; of the messages, before and after a step
+    CLOCK_OFFSET_S, OTHER_CLOCK_S = ClockLimits.OFFSET_S, 1.0  # [s] between header and log times; of two clocks
+    LATE_S, STAYS_SHARE = ClockLimits.LATE_S, 0.1  # [s] to be said; of the messages, before and after a step
     INTERLEAVED = 0.5  # of the distance to the last value, that of the last but one; noise has 1, a motion 2
     BOOT_S = 1e9  # [s] header stamps below it, of 2001, count from the start of a computer or simulation
     CONTRADICTED_SHARE = 0.01  # of the messages, in which an index belongs to another joint than in the first
@@ -203,6 +205,7 @@ class JumpLimits:
     MIN_OVERFLOWS, MIN_UNWRAPPED = 6, 0.9  # jumps by the whole range; span without the jumps, in jumps
     BETTER = 0.7  # of the error of the force's map, without the jumps
     OFTEN, UNLIKE_FORCE = 0.003, 0.5  # of the steps; error of a force that jumps too often to undo it
+    AGAINST = 0.8  # of the jumps, go against the steps beside them (planted: 0.92; UTFSM at 35 to 100 Hz: up to 0.71)
     EDGE = 3  # samples beside a dropout that belong to it
 
 

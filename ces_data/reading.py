@@ -26,6 +26,15 @@ from ces_observer.errors import CesError
 
 SIGNALS = ("position", "current", "force")
 EXPECTED = {"model": "a model or ", "simulation": "a model, a function or "}  # beside paths, by argument
+IN_FILES = {
+    "set scale: -1 in the signals file of": "multiply by -1",
+    "set its scale in the signals file": "scale it",
+    "its scale in the signals file": "it",
+    "the scale of time in the mapping file": "time",
+    "the scale of ": "",
+    " in the signals file": "",
+    " in the mapping file": "",
+}
 PathInput: TypeAlias = "str | os.PathLike[str]"
 RecordingInput: TypeAlias = "Recording | PathInput | Mapping[str, Any]"  # or a pandas DataFrame
 RecordingInputs: TypeAlias = "RecordingInput | Sequence[RecordingInput]"
@@ -76,10 +85,13 @@ def as_recordings(
 
     Recordings and tables may have names, as keys of a mapping. `signals` describes bags only.
     """
-    single = isinstance(given, Recording | str | os.PathLike) or is_table(given)
-    if not single and (not hasattr(given, "__iter__") or hasattr(given, "dtype")):
+    single = _is_one(given)
+    if hasattr(given, "dtype") and not is_table(given):
+        advice = "name its columns, {'time_s': X[:, 0], ...}, or take ces.DamperModel().fit(X, y)"
+        raise CesError(f"recordings: expected a recording, a path, a table, or several; got an array: {advice}")
+    if not single and not hasattr(given, "__iter__"):
         raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(given)}")
-    if isinstance(given, Mapping) and given and all(map(_is_recording, given.values())):
+    if isinstance(given, Mapping) and given and all(map(_is_one, given.values())):
         return [replace(r, name=name) for name, one in given.items() for r in as_recordings(one, signals, need=need)]
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
@@ -89,6 +101,9 @@ def as_recordings(
     recordings: list[Recording] = []
     for number, one in enumerate(several, 1):
         if isinstance(one, Recording):
+            if missing := next((signal for signal in need if signal not in one), ""):
+                taken = f" (taken: {one.taken})" if one.taken else ""
+                raise CesError(f"{one.name}: no {missing} was recorded, which is needed here{taken}")
             recordings.append(one)
         elif is_table(one):
             recordings.append(check_table(read_frame(one, need=need, number=number if len(several) > 1 else 0)))
@@ -99,9 +114,9 @@ def as_recordings(
     return recordings
 
 
-def _is_recording(value: object) -> bool:
-    """Return whether a value is a recording of any kind but a path, as in a mapping of recordings by name."""
-    return isinstance(value, Recording) or is_table(value)
+def _is_one(value: object) -> bool:
+    """Return whether a value is a recording of any kind, and no column of a table."""
+    return isinstance(value, Recording | str | os.PathLike) or is_table(value)
 
 
 def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recording:
@@ -133,9 +148,17 @@ def _with_hash(recording: Recording, path: Path) -> Recording:
 def check_table(recording: Recording) -> Recording:
     """Return a recording made of arrays that can be used; warns of what looks wrong, units too. Raises CesError."""
     for finding in unit_findings(_check(recording), recorded_motion(recording)):
-        text = finding.text.replace(" in the signals file", "").replace(" in the mapping file", "")  # there is none
-        warn(f"{recording.name}: {text}")
+        warn(f"{recording.name}: {describe_finding(finding.text)}")
     return recording
+
+
+def describe_finding(text: str, recordings: Sequence[Recording] = ()) -> str:
+    """Return the text of a finding; of tables, which have no signals file, the values are multiplied themselves."""
+    if any(one.source and Path(one.source).exists() for one in recordings):
+        return text
+    for words, others in IN_FILES.items():
+        text = text.replace(words, others)
+    return text
 
 
 def _check(recording: Recording) -> Recording:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from math import inf
+from numbers import Real
 from typing import Self
 
 import numpy as np
@@ -65,7 +66,7 @@ class Channel:
         return replace(finite, stamps_ns=stamps, values=finite.values[places])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """The channels of one experiment by signal name, and their origin.
 
@@ -117,7 +118,7 @@ class Recording:
 
     def part(self, from_s: float = 0.0, to_s: float = inf) -> Self:
         """Return the samples from `from_s` up to `to_s` after the first position sample. Raises RecordingError."""
-        if not all(isinstance(end, int | float) for end in (from_s, to_s)) or not 0.0 <= from_s < to_s:
+        if not all(isinstance(end, Real) for end in (from_s, to_s)) or not 0.0 <= from_s < to_s:
             raise RecordingError(f"{self.name}: no part from {from_s!r} s to {to_s!r} s; expected 0 <= from < to")
         if from_s > self.duration_s:
             raise RecordingError(

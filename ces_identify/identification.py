@@ -29,7 +29,7 @@ from ces_data.recording import Recording
 from ces_data.samples import without_spikes
 from ces_identify.limits import FoldLimits, ResultLimits, TickLimits
 from ces_identify.numerics.correlation import noise_rms
-from ces_identify.numerics.search import INTERRUPTED, Listener, SearchResult, clock_s
+from ces_identify.numerics.search import INTERRUPTED, TIME_IS_UP, Listener, SearchResult, clock_s
 from ces_identify.prepare.sampling import choose_motion, choose_sampling
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import run_batch
@@ -84,11 +84,18 @@ class IdentificationResult:
         reasons = [f.text for f in findings if f.signal != "current"] or [UNLIKE_FORCE]
         if failure and not ignore_findings:
             keep = OptionName("ignore_findings", True)
-            raise RecordingError(f"{failure}; {reasons[0]}; ", keep, " keeps such a model")
+            raise RecordingError(*self._describe_end(), f"{failure}; {reasons[0]}; ", keep, " keeps such a model")
         forced = [f.text for f in findings if f.severity == WRONG_MODEL] + [failure] * bool(failure)
         if not forced:
             return self
         return replace(self, model=replace(self.model, provenance={**self.model.provenance, "forced": forced}))
+
+    def _describe_end(self) -> tuple[str | OptionName, ...]:
+        """Return that the search had too little time, for the begin of an error."""
+        if not any(result.ended == TIME_IS_UP for result in self.search_results):
+            return ()
+        seconds = self.model.provenance["selection"].get("seconds", 0.0)
+        return f"the search was stopped after {seconds:.3g} s; give it more ", OptionName("time"), ": "
 
     def _describe_failure(self) -> str:
         """Return what shows that the model explains nothing; '' if it does, or for an interrupted or weighted fit."""
@@ -138,7 +145,19 @@ def identify(
 
 
 def _cost_row(e: Evaluation) -> dict[str, Any]:
-    return {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
+    """Return what the model file says of an evaluation, in percent and N; None where it is not known."""
+    low, high = (e.interval.low, e.interval.high) if e.interval else (None, None)
+    coverage = None if e.coverage is None else 100.0 * e.coverage
+    known = {
+        "J": e.cost,
+        "low": low,
+        "high": high,
+        "rms_N": e.rms_N,
+        "outside": 100.0 * e.outside_share,
+        "band": coverage,
+    }
+    finite = {key: round(v, 4) if v is not None and np.isfinite(v) else None for key, v in known.items()}
+    return {"recording": e.name, "role": e.role, **finite}
 
 
 def _identify_at(

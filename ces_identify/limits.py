@@ -72,6 +72,10 @@ class EnvelopeLimits:
     """How far beyond its recordings a model is believed, and when a recording is outside."""
 
     INPUT_MARGIN = 0.1  # of an input's span, on both sides
+    MAX_CURRENT_GAP = (
+        0.6  # of the current's span, between two that were recorded (UTFSM, sweeps at 0 and 1 A: J 42 % at
+    )
+    # 0.5 A; sines at 0, 0.5 and 1 A, a gap of 0.5: J 8 to 20 % at 0.25 and 0.75 A, as with all five currents)
     FORCE_MARGIN = 0.5  # of the measured force's span, on both sides: twice the force, if it is as large both ways
     HELD_FORCE = 1.5  # times the largest recorded: where a hydraulic network's force is held,
     HELD_PRESSURE = 2.0  # and times the largest that the recordings need: where its pressures are
@@ -228,6 +232,8 @@ class StepLimits:
     SPEED_SHARE = 0.10  # by which the speed may leave its mean before the step
     MIN_FORCE_CHANGE = 15.0  # times the noise of the force
     UNSETTLED = 0.05  # of the change of force: drift before the step, and at the end
+    MIN_DIP = 0.05  # of the change of force by which it falls back: UNSETTLED; less is no dip
+    MAX_SETTLED_SHARE = 0.5  # of the window: of a lag, 0.2 % of the change is then missing at its end
     MAX_T63_SHARE = 0.3  # of the window: a slower response would not have settled
 
 

@@ -66,6 +66,7 @@ class ClockLimits:
     MAX_DELAY_NS = 10_000_000_000  # [ns] beyond the least delay of arrivals
     MIN_STEP_NS = 100_000_000  # [ns] far above what a slewed clock gains between two readings (500 ppm: 50 us in 0.1 s)
     AHEAD_S = 0.05  # [s] of stamps before the node's clock, that simulated time may give
+    OFFSET_S, LATE_S = 0.02, 0.1  # [s] between stamps and arrival, which messages take less than; between two topics
 
 
 class HealthLimits:

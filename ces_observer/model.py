@@ -95,16 +95,25 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Envelope:
-    """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate."""
+    """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate.
+
+    Between the ends of `current_gap_A` no current was recorded: forces there are interpolated, and nothing tests them.
+    """
 
     position_m: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     speed_m_s: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     current_A: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
+    current_gap_A: Range | None = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT, default=None, optional=True)
 
     @property
     def by_signal(self) -> Ranges:
         """The ranges by the signals' names."""
         return {"position": self.position_m, "speed": self.speed_m_s, "current": self.current_A}
+
+    @property
+    def gap_text(self) -> str:
+        """What follows the range of the current in a text: between which currents [A] none was recorded, if so."""
+        return "" if self.current_gap_A is None else " without {:.3g} to {:.3g}".format(*self.current_gap_A)
 
 
 @dataclass(frozen=True)
@@ -134,6 +143,11 @@ class Model:
     def used_ranges(self) -> Ranges:
         """The envelope of the inputs that the structure uses, by name: others cannot be outside."""
         return {name: self.envelope.by_signal[name] for name in self.body.uses}
+
+    @property
+    def used_gap_A(self) -> Range | None:
+        """The gap of the recorded currents, of a structure that uses the current."""
+        return self.envelope.current_gap_A if "current" in self.body.uses else None
 
     @property
     def warm_up_s(self) -> float:
@@ -195,8 +209,11 @@ FILE = Field(kind=Record(Model))
 def load_model(path: str | Path) -> Model:
     """Read and check a model file; raises ModelError naming the file and the wrong key."""
     if not isinstance(path, str | os.PathLike):
-        raise ModelError(f"expected the path of a model file; got a value of type {type(path).__name__}")
+        raise ModelError(f"model: expected a model or the path of its file; got {path if path is None else type(path)}")
     path = Path(path)
+    if path.is_dir() or (path.is_file() and path.suffix.lower() not in ("", ".json")):
+        what = "folder, such as a bag" if path.is_dir() else f"{path.suffix} file, such as a recording"
+        raise ModelError(f"{path}: is a {what}, and no model; `ces identify {path} --out model.json` makes one of it")
     try:
         text = read_bounded(path, FileLimits.MAX_BYTES)
     except FileNotFoundError:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 GUARDED_NODE = ROOT / "ces_observer" / "nodes" / "guarded_node.py"
-SNAPSHOT_CALL = ROOT / "ces_observer" / "nodes" / "snapshot_call.py"  # runs in a process of its own
 SOURCES = [
-    *sorted({*(ROOT / "ces_observer" / "nodes").glob("*.py")} - {SNAPSHOT_CALL}),
+    *sorted((ROOT / "ces_observer" / "nodes").glob("*.py")),
     *sorted((ROOT / "ces_rig" / "live").glob("*.py")),
     ROOT / "ces_cli" / "identify" / "node.py",
 ]
@@ -25,9 +24,8 @@ BY_THE_NODE = {
 # Not guarded by GuardedNode: the callbacks must be the result of `guard.wrap`.
 BY_HAND = {"create_jump_callback", "SubscriptionEventCallbacks"}
 WORDS = ("pre_callback", "post_callback", "deadline", "liveliness")  # of their callbacks
-# Neither: such a callback would have to be guarded first.
+# Neither: such a callback would have to be guarded first. Clients are polled.
 NOT_AT_ALL = {
-    "create_client",
     "create_guard_condition",
     "create_rate",
     "create_task",
@@ -36,7 +34,6 @@ NOT_AT_ALL = {
     "add_done_callback",
     "add_waitable",
     "on_shutdown",
-    "call_async",
     "PublisherEventCallbacks",
     "Timer",
 }

@@ -34,7 +34,7 @@ def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> N
     text = "\n".join(output_of(cell) for cell in notebook.cells if cell.cell_type == "code")
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     shown = "\n".join(str(output.get("data", {}).get("text/plain", "")) for output in outputs)
-    assert "proved stable" in shown and "Standard error" in shown and "friction" in text
+    assert "proved stable" in shown and "standard_error" in shown and "friction" in text
     cost = float(next(line.split() for line in shown.splitlines() if line.startswith("DataFrame  validation"))[4])
     assert cost < 15.0
     images = [output for cell in notebook.cells for output in cell.get("outputs", []) if "image/png" in str(output)]

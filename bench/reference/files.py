@@ -15,7 +15,7 @@ from ces_observer.signals import NAMES
 from ces_report.table import row_fields
 
 Schema = Mapping[str, Any]
-FILES = ("signals", "import", "candidates", "campaign", "experiment", "iterate")
+FILES = ("signals", "import", "candidates", "rules", "campaign", "experiment", "iterate")
 DEPTH = 2
 OF_SIGNALS = ("signals", "import", "candidates")  # files whose first keys are signals
 SIGNAL = re.compile(rf"^({'|'.join(NAMES)})\b")
@@ -37,7 +37,10 @@ MODEL = (
     ("structure", "name of the [structure](structures.md), whose own keys hold its parameters"),
     ("units", "of all numbers"),
     ("sampling", "rate [Hz], bank and delay of the speed, limits of stroke, outliers, gaps and warm-up"),
-    ("input_envelope", "range of position, speed and current in the identification data"),
+    (
+        "input_envelope",
+        "range of position, speed and current in the identification data, and of currents that it lacks",
+    ),
     ("force_envelope_N", "range of the force that the observer publishes"),
     ("certificate", "claim, method and bounds of the proof; the observer proves it anew"),
     ("band", "half-width of the force's band, if one was fitted"),

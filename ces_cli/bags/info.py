@@ -110,7 +110,8 @@ def _print_model(path: Path) -> None:
         f"samples for {sampling.max_gap_s:g} s"
     )
     for name, (low, high) in ends:
-        terminal.print_line(f"  {name} from {_format_value(low)} to {_format_value(high)} {UNITS[name]}")
+        gap = model.envelope.gap_text if name == "current" else ""
+        terminal.print_line(f"  {name} from {_format_value(low)} to {_format_value(high)} {UNITS[name]}{gap}")
     terminal.print_line(f"  inputs outside are {model.body.outside}; stability: {proof}")
 
 

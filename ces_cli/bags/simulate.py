@@ -10,7 +10,7 @@ import numpy as np
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bag, find_file, open_simulation, with_predictions
-from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, PART, SIGNALS, ProgramRequest, option
 from ces_cli.terminal.outputs import print_document
 from ces_data.outputs import OUT, require_outputs
 from ces_data.signals_file import load_signals
@@ -28,6 +28,7 @@ class SimulateRequest(ProgramRequest):
     bag: str = declare(ONE_BAG)
     sim: str = option(meaning=HELP, metavar="SIM")
     signals: Path | None = declare(SIGNALS)
+    part: tuple[float, ...] = declare(PART)
     out: Path = option(metavar="FILE.csv")
     overwrite: bool = declare(OVERWRITE)
     json: bool = declare(JSON)
@@ -41,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     require_outputs(request.overwrite, {OUT: request.out}, inputs=inputs)
     signals = load_signals(request.signals)
     simulation = open_simulation(request.sim)
-    recording = terminal.read_one(path, signals)
+    recording = terminal.read_one(path, signals, part=request.part)
     with terminal.step(f"simulating {recording.name}"):
         inside = simulation.innermost
         run = sample_run(inside.model, recording) if isinstance(inside, ModelSimulation) else None

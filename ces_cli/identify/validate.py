@@ -194,7 +194,8 @@ def print_proof(model: Model, proof: Certificate, name: str) -> int:
         ("current", envelope.current_A, "A"),
         ("force within", model.force_envelope_N, "N"),
     ):
-        print(f"  {label:<14}  {low:.6g} to {high:.6g} {unit}")
+        gap = envelope.gap_text if label == "current" else ""
+        print(f"  {label:<14}  {low:.6g} to {high:.6g} {unit}{gap}")
     return 0
 
 

@@ -240,6 +240,9 @@ def _open(path: Path, opened: ExitStack) -> Bag:
                 foreign = DataFile.of_mcap(file, file)
                 if path == file and any(topic.encoding != "cdr" for topic in mcap.list_topics(file)):
                     return Bag(path, foreign.topics, (foreign,))
+        if path.is_file() and path.suffix not in (".mcap", ".db3"):
+            what = "neither a bag (a folder, or .mcap) nor a log that is read here, such as .csv, .mat or .parquet"
+            raise RecordingError(f"{path}: is {what}; save it as one of these") from None
         raise RecordingError(f"{path}: cannot be opened as a bag: {first_line(error).rstrip('.')}") from None
     opened.callback(reader.close)
     storages: list[Any] = getattr(reader.storage, "storages", [reader.storage])

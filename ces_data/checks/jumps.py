@@ -16,7 +16,7 @@ from ces_data.checks.motion import fit_errors, force_features, recorded_motion
 from ces_data.checks.sensors import OTHER, REMEDY, count_times
 from ces_data.findings import WARNING, WRONG_MODEL, Finding, runs_of_equal
 from ces_data.limits import JumpLimits, LossLimits, RecordingLimits, SensorLimits, StatisticLimits
-from ces_data.recording import Channel, Recording
+from ces_data.recording import Channel, Recording, Values
 from ces_data.samples import find_jumps, find_spikes, mask_lost, without_spikes
 
 FIT = "they are left out of the fit"
@@ -87,7 +87,8 @@ def _jumping(name: str, recording: Recording) -> Iterator[Finding]:
         ):
             yield Finding(WRONG_MODEL, f"{_describe(name, sound, at, size)}; {OVERFLOWS}", name)
             return
-    if name == "force" and len(whole) > JumpLimits.OFTEN * len(steps) and logged > JumpLimits.UNLIKE_FORCE:
+    often = len(whole) > JumpLimits.OFTEN * len(steps) and logged > JumpLimits.UNLIKE_FORCE
+    if name == "force" and often and _is_against_motion(steps, whole):
         yield Finding(WRONG_MODEL, f"{_describe(name, sound, whole, 0.5 * period)} or more; {OVERFLOWS}", name)
     if (
         name == "position"
@@ -96,6 +97,15 @@ def _jumping(name: str, recording: Recording) -> Iterator[Finding]:
     ):
         size = float(np.median(np.abs(steps[jumps])))
         yield Finding(WRONG_MODEL, f"{_describe(name, sound, jumps, size)}, as no piston moves; {REMEDY}", name)
+
+
+def _is_against_motion(steps: Values, jumps: I) -> bool:
+    """Return whether most jumps go against the steps beside them: past its range, a counter begins at the other end.
+
+    A force that is sampled too slowly jumps where it goes on in the same direction.
+    """
+    padded = np.concatenate([[0.0], steps, [0.0]])
+    return float(np.mean(steps[jumps] * (padded[jumps] + padded[jumps + 2]) < 0.0)) > JumpLimits.AGAINST
 
 
 def _describe(name: str, sound: Channel, jumps: I, size: float) -> str:

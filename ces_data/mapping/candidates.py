@@ -145,7 +145,8 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
         elif time is None or c.key != time.key:
             keys[c.label] = LogColumn(c.key)
             if there.sum() < TableLimits.MIN_SAMPLES:
-                reason = f"{c.key!r} holds too few numbers ({there.sum()} in {len(there)} rows)"
+                few = f"{there.sum()} in {len(there)} rows; expected at least {TableLimits.MIN_SAMPLES}"
+                reason = f"{c.key!r} holds too few numbers ({few})"
                 unread.update(dict.fromkeys(_meanings(str(c.key)), reason))
             else:
                 values = (stamps, c.values) if there.all() else (stamps[there], c.values[there])

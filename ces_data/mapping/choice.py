@@ -105,6 +105,7 @@ class Selection:
 
 MAX_STROKES, MAX_FORCES = 12, 40  # candidates that are compared in pairs, the best by name and unit
 ALONE = "by its numbers alone, nothing in its name says so"
+NO_STROKE = "an acceleration alone gives no stroke, as its offset grows without end; record the position, or a speed"
 PASSIVE = "a passive damper needs 'current: {constant: 0.0}' only"
 UNCHECKED = "the sign could not be checked"
 OPPOSITE = "force and position have opposite signs; one of them is positive in rebound"
@@ -282,6 +283,8 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
         named = (r for r in ratings if r.excluded and read_meaning(r.candidate.names).quantity == r.signal)
         reason = "nothing is named like it or has its unit, and moves like it"
         reason += f"; {PASSIVE}" if signal == "current" else ""
+        if signal == "position" and any(read_meaning(r.candidate.names).quantity == "acceleration" for r in ratings):
+            reason = NO_STROKE
         if excluded := next(named, None):
             reason = f"'{excluded.candidate.label}' is named like it, but {excluded.excluded}"
         return NotFound(signal, reason, others or tuple(ratings))

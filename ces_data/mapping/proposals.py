@@ -42,6 +42,7 @@ NAME_PATTERN = '"([0-9]+(?:[.][0-9]+)?) ?A(?![A-Za-z0-9])"'
 NO_NUMBER = ("expected a number", "has to go)")  # ends of reasons that no mapping resolves
 GIVE_RATE = "; give --rate HZ"
 NO_TIME = f"no column is named like a time and goes forward{GIVE_RATE}"
+NOT_READ = "; it is not read"
 REQUIRED = ("position", "current", "force")
 TAKEN = (*REQUIRED, "speed")
 
@@ -220,7 +221,7 @@ class _MappingWriter:
         self.doubts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
         guesses = [f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses]
         unread = [m for m in self.absent if m.signal in optional and m.signal in candidates.unread]
-        self.remarks = (*guesses, *(f"{m.signal}: {m.reason}; it is not read" for m in unread))
+        self.remarks = (*guesses, *(f"{m.signal}: {m.reason}{NOT_READ}" for m in unread))
         self.doubts = [*(log.doubts if isinstance(log, LogTable) else ()), *self.doubts]
         if candidates.time_doubt:
             self.doubts.append(candidates.time_doubt)

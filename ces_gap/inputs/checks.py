@@ -23,7 +23,7 @@ from ces_gap.grid import is_constant, rms
 from ces_gap.limits import AgreementLimits, RecordingLimits
 from ces_gap.trace import Trace, usable_inputs, usable_values
 from ces_identify.limits import LackLimits
-from ces_identify.simulations.simulate import sample_run
+from ces_identify.simulations.simulate import is_outside, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.validation.evaluate import describe_held, find_outside
 from ces_observer.errors import OptionName
@@ -210,10 +210,8 @@ def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) ->
     for trace in traces:
         values = {signal: getattr(trace.inputs, signal)[trace.usable] for signal in ("position", "speed", "current")}
         beyond = np.zeros(int(trace.usable.sum()), bool)
-        for signal, (low, high) in model.used_ranges.items():
-            taken = values[signal]
-            slack = AgreementLimits.RANGE_SLACK * max(high - low, abs(high), abs(low))
-            beyond |= (taken < low - slack) | (taken > high + slack)
+        for signal in model.used_ranges:
+            beyond |= is_outside(model, signal, values[signal], AgreementLimits.RANGE_SLACK)
         outside[trace.name] = float(beyond.mean()), "; ".join(map(str, find_outside(model, values)))
     ticks = np.array([int(t.usable.sum()) for t in traces])
     overall = float(ticks @ [outside[t.name][0] for t in traces]) / max(int(ticks.sum()), 1)

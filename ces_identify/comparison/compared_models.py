@@ -282,7 +282,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class PairResult:
-    """Two models compared: `first` and `second` are their indices.
+    """Two models compared: `first` and `second` are their indices, `names` their names.
 
     `pooled` is over the recordings on which no model of the comparison was identified; without any, over those on which
     neither of the two was, else over all. Its interval is at the level of its step in Holm's procedure. `each` holds
@@ -299,6 +299,7 @@ class PairResult:
     verdict: str
     better: int | None
     text: str
+    names: tuple[str, str]
 
     def minus(self, model: int) -> Difference:
         """Return the pooled difference as J of the other model minus J of `model`, one of the two."""
@@ -387,4 +388,6 @@ def _pair_result(
         verdict, text = BETTER, f"{names[better]} is better than {names[worse]}"
     else:
         verdict, text = SAME, f"{first} and {second} cannot be told apart"
-    return PairResult(*pair, pooled, each, p_value, verdict, better if verdict == BETTER else None, text)
+    return PairResult(
+        *pair, pooled, each, p_value, verdict, better if verdict == BETTER else None, text, (first, second)
+    )

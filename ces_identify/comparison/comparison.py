@@ -14,6 +14,7 @@ from ces_data.checks.content import require_once
 from ces_data.frames import import_pandas, import_pyplot
 from ces_data.recording import Recording
 from ces_identify.comparison.compared_models import (
+    TEST,
     TRAINED,
     UNKNOWN,
     AlignedRecording,
@@ -26,11 +27,12 @@ from ces_identify.comparison.compared_models import (
 )
 from ces_identify.limits import ComparisonLimits
 from ces_identify.validation.cost_table import NONE
-from ces_identify.validation.evaluate import CostInterval, ScoredTicks, interval_of_ticks
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
-from ces_report.table import PrintedResult
+from ces_report.table import PrintedResult, PrintedResults
 from ces_report.typesetting import join_with
 
+ROLES = {TRAINED: IDENTIFICATION, TEST: VALIDATION, UNKNOWN: "unknown"}
 MAX_DRAWN = 8  # models in charts, which have so many colours
 MAX_LINES = 84  # in the charts of all recordings together, so that the page stays below 3 MB
 
@@ -77,13 +79,33 @@ class ModelResult:
         return NONE if self.force_bound_N is None else f"{self.force_bound_N / 1000:.4g}"
 
 
+class Pairs(PrintedResults[PairResult]):
+    """Every two models once, with the difference of their costs."""
+
+    def to_frame(self) -> Any:
+        """Return a DataFrame: J of the first model minus that of the second [%], with its interval, and the verdict."""
+        rows = [
+            {
+                "first": pair.names[0],
+                "second": pair.names[1],
+                "difference_percent": pair.pooled.value,
+                "low_percent": math.nan if pair.pooled.low is None else pair.pooled.low,
+                "high_percent": math.nan if pair.pooled.high is None else pair.pooled.high,
+                "p_value": math.nan if pair.p_value is None else pair.p_value,
+                "verdict": pair.verdict,
+            }
+            for pair in self
+        ]
+        return import_pandas().DataFrame(rows)
+
+
 @dataclass(frozen=True, repr=False)
 class Comparison(PrintedResult):
     """Models on the same recordings. `pairs` holds every two models once."""
 
     models: tuple[ModelResult, ...]
     recordings: tuple[AlignedRecording, ...]
-    pairs: tuple[PairResult, ...]
+    pairs: Pairs
 
     @property
     def test_names(self) -> tuple[str, ...]:
@@ -125,7 +147,7 @@ class Comparison(PrintedResult):
                 "low_percent": cost.interval.low if cost.interval else math.nan,
                 "high_percent": cost.interval.high if cost.interval else math.nan,
                 "rms_N": cost.rms_N,
-                "use": cost.use,
+                "role": ROLES[cost.use],
             }
             for one in self.models
             for cost in one.costs
@@ -210,7 +232,7 @@ def compare(
     announce("comparing")
     uses = [[model.use_of(recording) for recording in recordings] for model in models]
     results, pairs = score_models(models, aligned, uses), compare_pairs(names, aligned, uses)
-    return Comparison(tuple(results), tuple(aligned), tuple(pairs))
+    return Comparison(tuple(results), tuple(aligned), Pairs(pairs))
 
 
 def name_sources(sources: Sequence[str]) -> list[str]:

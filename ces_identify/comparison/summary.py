@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
-from ces_identify.comparison.compared_models import BETTER, DIVERGED, NO_TEST, SAME, SHORT, Difference
-from ces_identify.comparison.comparison import Comparison
+from ces_identify.comparison.compared_models import BETTER, DIVERGED, NO_TEST, SAME, SHORT, Difference, PairResult
+from ces_identify.comparison.comparison import Comparison, Pairs
 from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_report.plot import series_css
 from ces_report.table import Column, Table, summarize_result
@@ -101,6 +101,23 @@ def _(comparison: Comparison) -> tuple[Sequence[str], Table[int]]:
     return [headline(comparison), *(f"{note[0].upper()}{note[1:]}." for note in comparison.notes())], model_table(
         comparison
     )
+
+
+@summarize_result.register
+def _(pairs: Pairs) -> tuple[Sequence[str], Table[PairResult]]:
+    columns: list[Column[PairResult]] = [
+        Column("First", lambda p: p.names[0], short="first"),
+        Column("Second", lambda p: p.names[1], short="second"),
+        Column(
+            "Difference of J [%]",
+            lambda p: format_signed(p.pooled.value) if math.isfinite(p.pooled.value) else DIVERGED,
+            figure=True,
+            short="J first - second, %",
+        ),
+        Column("95 % interval [%]", lambda p: describe_interval(p.pooled), figure=True, short="95 %"),
+        Column("Verdict", lambda p: p.text, short="verdict"),
+    ]
+    return [], Table(columns, pairs)
 
 
 def swatch(comparison: Comparison, i: int) -> Markup:

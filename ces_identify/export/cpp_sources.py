@@ -38,7 +38,7 @@ from ces_observer.signals import DEFAULTS, MOTIONS, NUMBERS
 from ces_observer.tick.run import rounding_sample
 
 TYPES = {"integer": "int", "integer_array": "int_array"}  # by ROS's name, where the library has another
-PYTHON_ONLY = ("force", "snapshot_after_s", "compare_force", "cost_warn_J", "cost_window_s")
+PYTHON_ONLY = ("force", "snapshot_after_s", "cost_warn_J", "cost_window_s")
 MEANINGS = {
     "model": "absolute path of the flat file from `ces export model.json --out NAME.ces`; a new path is checked and "
     "loaded while running",
@@ -104,6 +104,8 @@ LIMITS = (
     ("OUTSIDE", HealthLimits.OUTSIDE),
     ("DROPPED", HealthLimits.DROPPED),
     ("AHEAD_S", ClockLimits.AHEAD_S),
+    ("OFFSET_S", ClockLimits.OFFSET_S),
+    ("LATE_S", ClockLimits.LATE_S),
 )
 
 

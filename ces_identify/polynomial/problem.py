@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.limits import EnvelopeLimits, StabilityLimits, TickLimits
+from ces_identify.limits import EnvelopeLimits, StabilityLimits, TickLimits, VerdictLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.core import compile_tick, core_kernel
 from ces_identify.numerics.kernels import TermArrays
@@ -278,7 +278,10 @@ def assemble_problem(
 
 
 def compute_envelope(series: Sequence[Series]) -> Envelope:
-    """Return the range of each input over the scored ticks of all series, a little widened at both ends."""
+    """Return the range of each input over the scored ticks of all series, a little widened at both ends.
+
+    What lies between two currents far apart is known as little as what lies beyond the last one.
+    """
 
     def span(name: str) -> Range:
         values = [getattr(s, name)[s.scored] for s in series]
@@ -286,7 +289,19 @@ def compute_envelope(series: Sequence[Series]) -> Envelope:
         margin = EnvelopeLimits.INPUT_MARGIN * (high - low)
         return float(low - margin), float(high + margin)
 
-    return Envelope(span("position"), span("speed"), span("current"))
+    gap = find_current_gap(np.concatenate([s.current[s.scored] for s in series]))
+    return Envelope(span("position"), span("speed"), span("current"), gap)
+
+
+def find_current_gap(current: F) -> Range | None:
+    """Return the widest range of the current [A] that ticks (n,) hardly ever have, less the margins; None if narrow."""
+    ordered, few = np.sort(current), int(EnvelopeLimits.MIN_SHARE * len(current)) + 1
+    span, widths = float(np.ptp(ordered)), ordered[few:] - ordered[:-few]
+    widest = int(np.argmax(widths))
+    if span < VerdictLimits.MIN_CURRENT_SPAN_A or widths[widest] <= EnvelopeLimits.MAX_CURRENT_GAP * span:
+        return None
+    margin = EnvelopeLimits.INPUT_MARGIN * span
+    return float(ordered[widest] + margin), float(ordered[widest + few] - margin)
 
 
 def probe(layout: TermLayout, envelope: Envelope) -> F:

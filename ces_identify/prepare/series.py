@@ -202,9 +202,12 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
     warm_up = round(sampling.warm_up_s * sampling.rate_Hz)
     longest = np.diff(segments).max() - sampling.delay_ticks
     if longest <= warm_up:
+        beyond = int((status == BEYOND_STROKE).sum())
+        low, high = sampling.stroke_m
+        lost = f"; {beyond} positions are beyond {low:.3g} to {high:.3g} m, which the model knows: check their unit"
         raise RecordingError(
-            f"{recording.name}: longest stretch without a gap is {longest} ticks of "
-            f"{1 / sampling.rate_Hz:g} s; expected more than the warm-up of {sampling.warm_up_s:g} s"
+            f"{recording.name}: too short: the longest stretch without a gap lasts {longest / sampling.rate_Hz:.3g} s; "
+            f"expected more than {sampling.warm_up_s:g} s, after which there are forces{lost if beyond else ''}"
         )
     since_start = np.arange(len(position)) - np.repeat(segments[:, 0], np.diff(segments)[:, 0])
     dropped = dropped | {

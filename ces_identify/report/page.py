@@ -219,7 +219,7 @@ def _settings(model: Model) -> dict[str, Any]:
     return {
         "Sampling": {format_key(key): value for key, value in asdict(model.sampling).items()},
         "Envelope of the inputs": {
-            format_key(key): minus(f"{low:.4g} to {high:.4g}") for key, (low, high) in ends.items()
+            format_key(key): minus("{:.4g} to {:.4g}".format(*range_)) for key, range_ in ends.items() if range_
         },
         "Stability certificate": model.certificate or NO_CERTIFICATE,
         "Origin": {

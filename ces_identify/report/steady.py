@@ -10,6 +10,7 @@ from ces_data.arrays import F, I
 from ces_identify.limits import EnvelopeLimits
 from ces_identify.physical.quantities import curve_currents, curve_speeds
 from ces_identify.prepare.series import Series
+from ces_identify.simulations.simulate import is_outside
 from ces_identify.structures import run_batch
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
@@ -47,7 +48,8 @@ def recorded_currents(model: Model) -> F:
     """Return currents [A] from the lowest to the highest in the identification data, which the envelope exceeds."""
     low, high = model.envelope.current_A
     margin = EnvelopeLimits.INPUT_MARGIN / (1.0 + 2.0 * EnvelopeLimits.INPUT_MARGIN) * (high - low)
-    return np.clip(np.round(curve_currents(low + margin, high - margin), DECIMALS), low, high)
+    currents = np.clip(np.round(curve_currents(low + margin, high - margin), DECIMALS), low, high)
+    return np.asarray(currents[~is_outside(model, "current", currents)])
 
 
 def measured_medians(series: Sequence[Series], current: float, currents: F, stroke: Range) -> tuple[F, F]:

@@ -110,7 +110,7 @@ def _describe_trust(model: Model, held_out: Sequence[Evaluation]) -> str:
         proof += f"; |force| at most {three_figures(bound / 1000.0)} kN{loose}"
     ranges = "{:.2f} to {:.2f} m/s".format(*model.envelope.speed_m_s)
     ends = dict.fromkeys(f"{end:.3g}" for end in model.envelope.current_A)
-    ranges += f" and {' to '.join(ends)} A"
+    ranges += f" and {' to '.join(ends)} A{model.envelope.gap_text}"
     road = 100.0 * _share_of_road(model.envelope)
     text = f"{proof}. It knows {ranges}; its speeds hold {road:.1f} % of the time on a class C road at 60 km/h"
     outside = max((e.outside_share for e in held_out), default=0.0)
@@ -137,6 +137,8 @@ def _propose_recording(model: Model, held_out: Sequence[Evaluation], region: _Re
         worst = max(outside, key=lambda e: e.outside_share)
         return f"What {worst.name} has and the model does not know: {', '.join(map(str, worst.outside))}."
     fast = f"Faster strokes, up to {3.0 * VerdictLimits.ROAD_SPEED_M_S:.1f} m/s."
+    if (gap := model.used_gap_A) is not None:
+        return "Currents between {:.3g} and {:.3g} A: none was recorded, and the model interpolates there.".format(*gap)
     one_current = high - low < VerdictLimits.MIN_CURRENT_SPAN_A
     if one_current or _share_of_road(model.envelope) < 1.0 - VerdictLimits.MAX_OUTSIDE:
         return f"Other currents: it knows {high:.3g} A only." if one_current else fast

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -18,8 +19,16 @@ from ces_data.checks.content import require_distinct, require_once
 from ces_data.findings import warn
 from ces_data.frames import import_pandas, import_pyplot
 from ces_data.logs.frame import is_frame
-from ces_data.outputs import REPORT, require_outputs
-from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs, as_path, as_recordings
+from ces_data.outputs import MODEL, REPORT, require_outputs
+from ces_data.reading import (
+    SIGNALS,
+    PathInput,
+    RecordingInput,
+    RecordingInputs,
+    as_path,
+    as_recordings,
+    describe_finding,
+)
 from ces_data.recording import join_days
 from ces_identify.identification import COSTS, identify
 from ces_identify.numerics.least_squares import one_blas_thread
@@ -32,24 +41,52 @@ from ces_identify.report.steady import CURVE_SPEEDS, recorded_currents, steady_f
 from ces_identify.scripting.progress import Progress
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.prediction import predict_series
-from ces_identify.simulations.simulate import sample_run, simulate_series
+from ces_identify.simulations.simulate import is_outside, sample_run, simulate_series
 from ces_identify.structures import model_section
 from ces_identify.structures.polynomial import coefficient_unit, format_term
 from ces_identify.validation.band import band_half_width
 from ces_identify.validation.checked import evaluate_checked, warnings_on
-from ces_identify.validation.cost_table import Evaluations, cost_table
+from ces_identify.validation.cost_table import Evaluations, cost_table, known_cost_table
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size
+from ces_identify.validation.lacks import describe_gap
 from ces_identify.validation.standard_errors import standard_errors
 from ces_observer import model
 from ces_observer.errors import CesError
 from ces_observer.records import in_files
 from ces_observer.structures.polynomial import Polynomial
 from ces_report.shell import PageHead
-from ces_report.table import Table, text_table
+from ces_report.table import PrintedResults, Table, summarize_result, text_table
 from ces_report.typesetting import format_alike
 
 MAX_STEPS = 100_000  # ticks ahead
 MAX_BEYOND = 0.01  # of the span that a model knows: a rounded number counts as the end of it
+
+
+SHOWN = (
+    "band", "certificate", "envelope", "evaluations", "force_speed", "load", "plot", "predict", "provenance", "report",
+    "sampling", "save", "search_results", "simulate", "size", "structure", "to_frame", "validate", "warm_up_s",
+)  # fmt: skip  # what docs/api.md says, and plain facts; the rest is the runtime's
+
+
+class SearchResults(PrintedResults[SearchResult]):
+    """The starts of a search, the best first."""
+
+    def to_frame(self) -> Any:
+        """Return them as a DataFrame: seed, size of the model, cost on the selection data [%], trials, and the end."""
+        columns = ["seed", "size", "selection_J_percent", "trials", "ended"]
+        return import_pandas().DataFrame(map(_start_facts, self), columns=columns)
+
+
+def _start_facts(start: SearchResult) -> tuple[int, int, float, int, str]:
+    return start.seed, len(start.chosen), start.cost, start.trials, start.ended
+
+
+@summarize_result.register
+def _(starts: SearchResults) -> tuple[Sequence[str], Table[Sequence[str]]]:
+    rows = [
+        (str(n), str(size), f"{J:.2f}", str(trials), ended) for n, size, J, trials, ended in map(_start_facts, starts)
+    ]
+    return [] if rows else ["no search"], text_table(["seed", "size", "selection J %", "trials", "ended"], rows, left=0)
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,8 +100,14 @@ class Model(model.Model):
         model.report("report.html", "rig/road")
     """
 
-    evaluations: tuple[Evaluation, ...] = field(default=(), metadata=in_files(None), compare=False)
-    search_results: tuple[SearchResult, ...] = field(default=(), metadata=in_files(None), compare=False)
+    evaluations: Evaluations = field(default=Evaluations(), metadata=in_files(None), compare=False)
+    search_results: SearchResults = field(default=SearchResults(), metadata=in_files(None), compare=False)
+
+    def __hash__(self) -> int:
+        return hash(self.to_json())
+
+    def __dir__(self) -> list[str]:
+        return [*SHOWN, *(name for name in super().__dir__() if name.startswith("_"))]
 
     @classmethod
     def load(cls, path: PathInput) -> Model:
@@ -91,6 +134,8 @@ class Model(model.Model):
             given = _recording_of(recording if time_s is None else time_s, position_m, current_A)
         run = sample_run(self, given)
         _warn_all(warnings_on(run, given.name))
+        if not np.isfinite(run.force).any():
+            warn(f"{given.name}: no force at any sample; the first comes {self.warm_up_s:g} s after a start or a gap")
         return _like(recording, given, run.force)
 
     def predict(self, recording: RecordingInput, steps: int = 1) -> Any:
@@ -116,13 +161,15 @@ class Model(model.Model):
         given = as_recordings(recordings)
         require_once(given)
         findings = list(check_each(given))
-        evaluations = Evaluations()
+        evaluations = list[Evaluation]()
         for one in given:
             evaluation, added = evaluate_checked(self, one, findings)
             evaluations.append(evaluation)
             findings += added
-        _warn_all([*(f.text for f in findings), *(text for e in evaluations for text in e.warnings)])
-        return evaluations
+        _warn_all(
+            [*(describe_finding(f.text, given) for f in findings), *(text for e in evaluations for text in e.warnings)]
+        )
+        return Evaluations(evaluations)
 
     def force_speed(self, currents: ArrayLike | None = None, speeds: ArrayLike | None = None) -> Any:
         """Return steady forces [N] at mid-stroke as a DataFrame: a row for each current [A], a column for each speed.
@@ -150,6 +197,8 @@ class Model(model.Model):
             raise CesError(text)
         for value, end in dict(zip(values[values != inside], inside[values != inside], strict=True)).items():
             warn(f"{name} {value:g} {unit} is outside what the model knows; {end:g} {unit} is taken")
+        if name in self.used_ranges and (unknown := inside[is_outside(self, name, inside)]).size:
+            warn(f"{name}s {', '.join(f'{value:g}' for value in unknown[:3])} {unit}: {describe_gap(self)}")
         return inside
 
     def plot(self, recording: RecordingInput) -> Any:
@@ -191,7 +240,7 @@ class Model(model.Model):
 
     def save(self, path: PathInput, *, overwrite: bool = False) -> None:
         """Write the model file. Raises CesError, also for one that exists, unless `overwrite`."""
-        require_outputs(overwrite, {"path": (target := as_path(path, "path"))})
+        require_outputs(overwrite, {MODEL: (target := as_path(path, "path"))})
         super().save(target)
 
     def report(
@@ -233,10 +282,10 @@ class Model(model.Model):
             rows = [
                 [_plain(format_term(t, self.envelope)), t.coefficient, _plain(coefficient_unit(t)), e] for t, e in pairs
             ]
-            return pandas.DataFrame(rows, columns=["Regressor", "Coefficient", "Unit", "Standard error"])
+            return pandas.DataFrame(rows, columns=["regressor", "coefficient", "unit", "standard_error"])
         table = model_section(self, used, IDENTIFICATION).table
         rows = [[_plain(Markup(column.text(row))) for column in table.columns] for row in table.rows]
-        return pandas.DataFrame(rows, columns=[_plain(Markup(column.heading)) for column in table.columns])
+        return pandas.DataFrame(rows, columns=[_snake(_plain(Markup(column.heading))) for column in table.columns])
 
     def __repr__(self) -> str:
         table = self._cost_table()
@@ -251,14 +300,12 @@ class Model(model.Model):
         if self.evaluations:
             return cost_table(self.evaluations)
         known = self.provenance.get(COSTS)
-        named = [row for row in known if isinstance(row, dict)] if isinstance(known, list) else []
-        rows = [[str(row.get(key, "")) for key in ("recording", "role", "J")] for row in named]
-        return text_table(["recording", "role", "J %"], rows, left=2)
+        return known_cost_table([row for row in known if isinstance(row, dict)] if isinstance(known, list) else [])
 
     def _describe(self) -> str:
         proof = "stability not proved" if self.certificate is None else "proved stable"
         knows = "; ".join(
-            f"{name} {' to '.join(format_alike(ends, 3))} {unit}"
+            f"{name} {' to '.join(format_alike(ends, 3))} {unit}{self.envelope.gap_text * (name == 'current')}"
             for (name, ends), unit in zip(self.envelope.by_signal.items(), ("m", "m/s", "A"), strict=True)
         )
         return f"{self.structure}: {describe_size(self)} at {self.sampling.rate_Hz:g} Hz, {proof}\nknows {knows}"
@@ -270,7 +317,7 @@ def _as_numbers(name: str, given: ArrayLike) -> F:
         values = np.atleast_1d(np.asarray(given, dtype=np.float64))
     except (TypeError, ValueError):
         values = np.empty(0)
-    if values.ndim != 1 or not len(values):
+    if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
         raise CesError(f"{name}: expected numbers; got {given!r}")
     return values
 
@@ -296,8 +343,7 @@ def identify_model(
     how, fitter, ignored = request.options(), request.fitter(), request.ignore_findings
     require_distinct(given, held_out)
     findings = check_together([*given, *held_out])
-    if not any(one.source for one in (*given, *held_out)):  # made of arrays and tables
-        findings = tuple(replace(f, text=f.text.replace(" in the signals file", "")) for f in findings)
+    findings = tuple(replace(f, text=describe_finding(f.text, [*given, *held_out])) for f in findings)
     require_sound(findings, ignored)
     _warn_all(finding.text for finding in findings)
 
@@ -307,7 +353,10 @@ def identify_model(
 
     with one_blas_thread():
         result = identify(given, held_out, how, listen, fitter).require_explained(findings, ignored)
-    return replace(as_model(result.model), evaluations=result.evaluations, search_results=result.search_results)
+    if text := describe_gap(result.model):
+        warn(text)
+    starts = SearchResults(result.search_results)
+    return replace(as_model(result.model), evaluations=Evaluations(result.evaluations), search_results=starts)
 
 
 def _recording_of(time_s: Any, position_m: Any, current_A: Any) -> Recording:
@@ -358,3 +407,9 @@ def _plain(cell: Markup) -> str | float:
         return float(text)
     except ValueError:
         return text
+
+
+def _snake(heading: str | float) -> str:
+    """Return the heading of a table as the name of a column: `Standard error [N]` is `standard_error_N`."""
+    words = re.sub(r"\[(.*)\]", r"\1", str(heading)).replace("%", "percent").split()
+    return "_".join(word if k and word[:1].isupper() else word.lower() for k, word in enumerate(words))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 from typing import Any, Self
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 from ces_data import recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.frames import read_frame, to_frame
+from ces_data.limits import TableLimits
 from ces_data.log_formats import is_log
 from ces_data.logs.frame import TIMES
 from ces_data.reading import SIGNALS, PathInput, as_path, check_table, kind_of, read_log, read_recording
@@ -29,7 +31,13 @@ MAX_TIME_S = 8e9  # [s] beyond it, a stamp would not fit 64 bits
 EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
 
 
-@dataclass(frozen=True, repr=False)
+SHOWN = (
+    "channel", "channels", "constants", "day", "duration_s", "from_arrays", "from_frame", "load", "name", "part",
+    "resample", "save", "to_frame",
+)  # fmt: skip  # what docs/api.md says, and plain facts
+
+
+@dataclass(frozen=True, repr=False, eq=False)
 class Recording(recording.Recording):
     """The channels of one experiment by signal name, each with its own stamps; `len` is its position samples.
 
@@ -90,7 +98,14 @@ class Recording(recording.Recording):
             for signal, (unit, values) in given.items()
             if values is not None
         }
+        if not isinstance(name, str):
+            raise CesError(f"name: expected text; got {name!r}")
+        if len(stamps) < TableLimits.MIN_SAMPLES:
+            raise RecordingError(f"time_s: has {len(stamps)} values; expected at least {TableLimits.MIN_SAMPLES}")
         return with_methods(check_table(cls(name or "recording", channels)))
+
+    def __dir__(self) -> list[str]:
+        return [*SHOWN, *(name for name in super().__dir__() if name.startswith("_"))]
 
     def __len__(self) -> int:
         return len(self.channels["position"]) if "position" in self.channels else 0
@@ -101,7 +116,7 @@ class Recording(recording.Recording):
 
     def resample(self, rate_Hz: float) -> Self:
         """Return the recording with all channels on even times: currents held, others interpolated, no gap bridged."""
-        if not isinstance(rate_Hz, int | float) or not 0.0 < rate_Hz <= MAX_RATE_HZ:
+        if not isinstance(rate_Hz, Real) or not 0.0 < rate_Hz <= MAX_RATE_HZ:
             raise RecordingError(f"resample({rate_Hz!r}): expected a rate above 0, up to {MAX_RATE_HZ:g} Hz")
         position = self.channel("position").in_order()
         count = int(np.floor(np.ptp(position.stamps_ns) * 1e-9 * rate_Hz)) + 1
@@ -170,6 +185,8 @@ def _as_stamps(time_s: ArrayLike) -> recording.Stamps:
 def _as_numbers(name: str, values: ArrayLike, count: int = 0) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return an array (n,) of numbers; one number fills `count` rows. Raises CesError."""
     try:
+        if np.iscomplexobj(values):
+            raise TypeError
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise CesError(f"{name}: expected an array of numbers; got {kind_of(values)}") from None

@@ -24,10 +24,22 @@ def simulate_series(model: Model, series: Series) -> FreeRun:
 def outside_envelope(model: Model, series: Series) -> Mask:
     """Return where (ticks,) an input of `series` that the model uses is outside its envelope."""
     outside = np.zeros(len(series), bool)
-    for name, (low, high) in model.used_ranges.items():
-        values = getattr(series, name)
-        outside |= (values < low) | (values > high)
+    for name in model.used_ranges:
+        outside |= is_outside(model, name, getattr(series, name))
     return outside
+
+
+def is_outside(model: Model, name: str, values: F, slack: float = 0.0) -> Mask:
+    """Return where values (n,) of a signal are outside the model's envelope, or in the gap of its currents.
+
+    `slack`, of the range or of its larger end, is not outside.
+    """
+    low, high = model.envelope.by_signal[name]
+    margin = slack * max(high - low, abs(high), abs(low))
+    outside = (values < low - margin) | (values > high + margin)
+    if name == "current" and (gap := model.envelope.current_gap_A) is not None:
+        outside |= (values > gap[0] + margin) & (values < gap[1] - margin)
+    return np.asarray(outside)
 
 
 @dataclass(frozen=True)

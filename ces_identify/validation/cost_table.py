@@ -23,7 +23,7 @@ from ces_identify.prepare.cost import EQUAL, Weighting, cost
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, CostInterval, Evaluation
 from ces_observer.model import Model
-from ces_report.table import BAR, Column, PrintedResult, Table, summarize_result
+from ces_report.table import BAR, Column, PrintedResults, Table, summarize_result, text_table
 from ces_report.typesetting import format_within
 
 NONE = "\N{EN DASH}"
@@ -104,11 +104,11 @@ def cost_table(
     return Table([column for column in columns if column is not None], evaluations, title)
 
 
-class Evaluations(PrintedResult, list[Evaluation]):
+class Evaluations(PrintedResults[Evaluation]):
     """Evaluations that print themselves as a table."""
 
     def to_frame(self) -> Any:
-        """Return the costs as a DataFrame, a row for each recording: J with its interval [%], shares from 0 to 1."""
+        """Return the costs as a DataFrame, a row for each recording: J with its interval [%], shares in percent."""
         rows = [
             {
                 "recording": e.name,
@@ -119,8 +119,8 @@ class Evaluations(PrintedResult, list[Evaluation]):
                 "high_percent": e.interval.high if e.interval else math.nan,
                 "floor_percent": math.nan if e.floor is None else e.floor,
                 "rms_N": e.rms_N,
-                "outside_envelope": e.outside_share,
-                "inside_band": math.nan if e.coverage is None else e.coverage,
+                "outside_percent": 100.0 * e.outside_share,
+                "band_percent": math.nan if e.coverage is None else 100.0 * e.coverage,
             }
             for e in self
         ]
@@ -135,6 +135,28 @@ def _(evaluations: Evaluations) -> tuple[Sequence[str], Table[Evaluation]]:
 @summarize_result.register
 def _(evaluation: Evaluation) -> tuple[Sequence[str], Table[Evaluation]]:
     return [], cost_table([evaluation], exact=False)
+
+
+def known_cost_table(rows: Sequence[Mapping[str, Any]]) -> Table[Sequence[str]]:
+    """Return the same from the rows of a model file, whose earlier versions hold fewer figures."""
+
+    def text(row: Mapping[str, Any], key: str, form: str = ".1f") -> str:
+        return f"{row[key]:{form}}" if isinstance(row.get(key), int | float) else NONE
+
+    def cells(row: Mapping[str, Any]) -> list[str]:
+        interval = CostInterval(row["low"], row["high"]) if {"low", "high"} <= _numbers(row) else None
+        J = percent(row["J"], interval) if "J" in _numbers(row) else NONE
+        names = [str(row.get(key, "")) for key in ("recording", "role")]
+        return [*names, J, interval_text(interval), *(text(row, key) for key in ("rms_N", "outside", "band"))]
+
+    heads = ["recording", "role", "J %", "95 %", "RMS N", "out %", "band %"]
+    made = [cells(row) for row in rows]
+    shown = [k for k in range(len(heads)) if k < 3 or any(row[k] != NONE for row in made)]
+    return text_table([heads[k] for k in shown], [[row[k] for k in shown] for row in made], left=2)
+
+
+def _numbers(row: Mapping[str, Any]) -> set[str]:
+    return {key for key, value in row.items() if isinstance(value, int | float)}
 
 
 def percent(cost: float, interval: CostInterval | None = None) -> str:

@@ -24,7 +24,7 @@ from ces_identify.numerics.correlation import add_errors, estimate_sum_error, su
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
 from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import FreeRun, Series
-from ces_identify.simulations.simulate import simulate_series
+from ces_identify.simulations.simulate import is_outside, simulate_series
 from ces_identify.validation.band import band_half_width
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_observer.model import Model
@@ -41,18 +41,22 @@ SHORT = f"no interval (too short: it would reach beyond {ErrorLimits.MAX_FACTOR:
 
 @dataclass(frozen=True)
 class RangeUse:
-    """One signal: the range `used` by a recording, the range `known` to the model, and the share of ticks outside."""
+    """One signal: the range `used` by a recording, the range `known` to the model, and the share of ticks outside.
+
+    `gap` says in words what the model does not know within its range.
+    """
 
     signal: str
     used: tuple[float, float]
     known: tuple[float, float]
     outside_share: float
+    gap: str = ""
 
     def as_texts(self) -> tuple[str, str]:
         """Return the ranges used and known as text, without their unit; all numbers have the same decimals."""
         ends = format_alike((*self.used, *self.known))
         used, known = (f"{low} to {high}" if low != high else low for low, high in (ends[:2], ends[2:]))
-        return used, known
+        return used, known + self.gap
 
     def __str__(self) -> str:
         used, known = self.as_texts()
@@ -290,11 +294,12 @@ def outside_ranges(model: Model, series: Series) -> tuple[RangeUse, ...]:
 def find_outside(model: Model, signals: Mapping[str, F]) -> tuple[RangeUse, ...]:
     """Return the same for arrays (n,) of position [m], speed [m/s] and current [A] by name."""
     uses = []
-    for name, (low, high) in model.used_ranges.items():
+    for name, known in model.used_ranges.items():
         values = signals.get(name, np.empty(0))
-        share = float(np.mean((values < low) | (values > high))) if len(values) else 0.0
+        share = float(np.mean(is_outside(model, name, values))) if len(values) else 0.0
         if share > EnvelopeLimits.MIN_SHARE:
-            uses.append(RangeUse(name, (float(values.min()), float(values.max())), (low, high), share))
+            gap = model.envelope.gap_text if name == "current" else ""
+            uses.append(RangeUse(name, (float(values.min()), float(values.max())), known, share, gap))
     return tuple(sorted(uses, key=lambda use: -use.outside_share))
 
 

@@ -90,20 +90,28 @@ class _Ticks:
 
 
 def head_lines(model: Model, evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return what a reader must know before the costs: no fit, what the error depends on, and what is undetermined.
+    """Return what a reader must know before the costs: no fit, currents or quantities that it lacks, open parameters.
 
     Recordings outside the envelope have warnings of their own and do not count.
     """
     some = [e for e in evaluations if np.isfinite(e.cost) and e.clamped_share < LackLimits.MAX_OUTSIDE]
     own = [e for e in some if e.role == IDENTIFICATION]
     causes = dependences(some)
-    lines = [describe(cause, model, some) for cause in causes]
+    lines = [describe_gap(model)] * (model.used_gap_A is not None) + [describe(cause, model, some) for cause in causes]
     if own and (J := pooled_cost(own)) >= VerdictLimits.MISFIT_J:
         why = "" if causes else "; no quantity explains it: check units, signs and delays"
         lines.insert(0, f"The model does not fit its own data (J = {three_figures(J)} %){why}.")
     selections = [entry for key, entry in model.provenance.items() if key.startswith("selection")]
     texts = dict.fromkeys(text for entry in selections for text in entry.get(UNDETERMINED, ()))
     return lines + [f"{text[0].upper()}{text[1:].rstrip('.')}." for text in texts]
+
+
+def describe_gap(model: Model) -> str:
+    """Return that no currents were recorded in the gap of the envelope; '' without one."""
+    if (gap := model.used_gap_A) is None:
+        return ""
+    ends = "{:.3g} and {:.3g} A".format(*gap)
+    return f"No current between {ends} was recorded: forces there are interpolated, untested. Record currents there."
 
 
 def describe(dependence: Dependence, model: Model, evaluations: Sequence[Evaluation]) -> str:

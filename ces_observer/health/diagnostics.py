@@ -106,6 +106,7 @@ class Remarks:
     NO_STAMP = "positions have no stamp: they are stamped on arrival"
     ARRIVAL = "positions arrive %.1f ms after their stamp"
     AHEAD = "their stamps are ahead of the node's clock"
+    APART = "the current is stamped %+.3f s off them: by another clock? current.delay takes that off"
     REPEATS = "%.0f positions repeat or run backwards"
     INTERRUPTIONS = "%.0f interruptions of the stamps"
 

@@ -192,6 +192,10 @@ class Health:
             words = Remarks.ARRIVAL % (now.mean_age_s * 1e3)
             if now.mean_age_s < -ClockLimits.AHEAD_S:
                 remarks.append(Remarks.AHEAD)
+            current = self.current.figures
+            apart_s = now.mean_age_s - current.mean_age_s if current.samples else 0.0
+            if abs(apart_s) > (ClockLimits.OFFSET_S if current.dropped is None else ClockLimits.LATE_S):
+                remarks.append(Remarks.APART % apart_s)
         repeats = now.total_out_of_order + now.total_duplicates - before.total_out_of_order - before.total_duplicates
         if repeats:
             remarks.append(Remarks.REPEATS % repeats)

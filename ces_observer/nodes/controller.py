@@ -171,6 +171,7 @@ class Controller(ManagedNode):
         now = monotonic()
         if self.is_active:
             self.guard.wrap(self._watch_estimates, self._loop.restart)(now)
+            self.guard.call(self.bond.watch)
         if self._is_configured:
             self.guard.call(self._poll_model)
             self._publish_change()

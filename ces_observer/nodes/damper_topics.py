@@ -202,8 +202,7 @@ class DamperTopics:
         for name in damper.motions:
             subscribe(name, partial(self._on_motion, name), partial(damper.count_unreadable, "motion"))
         health.position = subscribe("position", self._on_position, partial(damper.count_unreadable, "position"))
-        if settings.values["compare_force"]:
-            health.force = subscribe("force", self._node.guard.wrap(self._on_measured_force), lambda error: None)
+        health.force = subscribe("force", self._node.guard.wrap(self._on_measured_force), lambda error: None)
 
     def _on_current(self, stamp_ns: int, current_A: float, frame: bytes, now_ns: int) -> None:
         del frame

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from math import inf
 from time import monotonic
 from typing import Any, ClassVar
@@ -18,6 +19,7 @@ from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
 from ces_observer.errors import CesError
 from ces_observer.health.diagnostics import ACTIVE, INACTIVE, UNCONFIGURED
 from ces_observer.limits import NodeLimits
+from ces_observer.nodes.bond import Bond
 from ces_observer.nodes.executors import START_ERRORS
 from ces_observer.nodes.parameters import TableNode
 from ces_observer.nodes.rclpy_gaps import freeze_objects, wrap_lifecycle_services
@@ -36,6 +38,7 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         TableNode.__init__(self, name)
         self.is_active = False
         self.made = ExitStack()
+        self.bond = Bond(self)
         self._mistake: Exception | None = None
         self._fell = self._is_starting = False
         self._next_start_s = inf
@@ -126,17 +129,21 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         """Let the node publish."""
         outcome = self._run(self.activate)
         self.is_active = outcome == TransitionCallbackReturn.SUCCESS
+        if self.is_active and not self.starts_itself:
+            self.guard.call(partial(self.bond.open, self.get_parameter("bond_heartbeat_period").value))
         return outcome
 
     def on_deactivate(self, state: Any) -> Any:
         """Let the node withhold; an error if it falls."""
         self.is_active = False
+        self.guard.call(self.bond.close)
         outcome = self._run(self.deactivate)
         return TransitionCallbackReturn.ERROR if self._fell else outcome
 
     def on_cleanup(self, state: Any) -> Any:
         """Let go of everything."""
         self.is_active = False
+        self.guard.call(self.bond.close)
         return self._run(self._let_go)
 
     def on_shutdown(self, state: Any) -> Any:

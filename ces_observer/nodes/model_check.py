@@ -105,7 +105,7 @@ class ModelReload:
             with tempfile.TemporaryFile() as model_file:  # files, as a pipe might make one side wait
                 model_file.write(model.to_json().encode())
                 model_file.seek(0)
-                self._child = start_child((*self._program, source, *tasks), model_file, self._output)
+                self._child = _start_child((*self._program, source, *tasks), model_file, self._output)
         self._checked, self._began_s = (model, source, tuple(tasks)), monotonic()
 
     def poll(self) -> Verdict | None:
@@ -168,9 +168,7 @@ def _read_answer(output: str, model: Model, tasks: Sequence[str]) -> str:
     raise ModelError("its check gave an answer that is none; try again, or check the file with `ces info`")
 
 
-def start_child(
-    words: Sequence[str], stdin: BinaryIO | int = subprocess.DEVNULL, stdout: BinaryIO | int = subprocess.DEVNULL
-) -> subprocess.Popen[bytes]:
+def _start_child(words: Sequence[str], stdin: BinaryIO, stdout: BinaryIO) -> subprocess.Popen[bytes]:
     """Start this Python with the arguments `words`, so that it finds this very package; raises OSError."""
     paths = [PARENT, *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}

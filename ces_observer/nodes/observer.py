@@ -104,6 +104,7 @@ class Observer(ManagedNode):
             self.guard.call(partial(self._poll_model, topics, changes))
         if self._dampers:
             self.guard.call(self._snapshots.work)
+        self.guard.call(self.bond.watch)
         self._watch_failures()
         if now - self._rolled >= DIAGNOSTICS_S:
             elapsed, self._rolled = now - self._rolled, now

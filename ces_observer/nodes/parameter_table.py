@@ -80,6 +80,9 @@ EXECUTOR = Option(
     "with 40 % of that load, 'auto' events if there is one", choices=("auto", "events", "single"))
 AUTOSTART = Option(
     "autostart", True, "configure and activate at the start; false: a lifecycle manager or `ros2 lifecycle` does")
+BOND = Option("bond_heartbeat_period", 0.1,
+              "without autostart: time between the heartbeats on `bond` that nav2's manager asks for, if the package "
+              "bond is installed [s]; 0: none", 0.0, 3.0)
 ALLOW_UNCERTIFIED = Option("allow_uncertified", False, "run a model whose stability cannot be proved (unsafe)")
 
 IN_USE = "the node is configured; clean it up first"  # why a parameter that is not live cannot be set
@@ -95,9 +98,10 @@ tunable = partial(Option, live=True)
 OF_THE_NODE = (
     EXECUTOR,
     AUTOSTART,
+    BOND,
     Option("input_depth", INPUT_DEPTH,
            "messages that wait in the queue of each input while the node stalls; at least the highest rate times the "
-           "longest stall. Full queues lose the oldest. About 0.3 kB of memory each, used only in a stall", 1, 100_000),
+           "longest stall. Full queues lose the oldest", 1, 100_000),
     Option("snapshot_service", "/rosbag2_recorder/snapshot",
            "service of a `ros2 bag record --snapshot-mode` that is called after a drift of the model, or when "
            "~/snapshot is called; empty: none"),
@@ -115,7 +119,6 @@ OF_A_DAMPER = (
     tunable("still_warn_s", HealthLimits.STILL_S,
             "time without any change of position after which a warning is given: vehicle at rest, or stuck sensor [s]; "
             "0: never", 0.0, HOUR_S),
-    Option("compare_force", True, "compare the estimate with the measured force on force.topic, if there is one"),
     tunable("cost_warn_J", 0.0,
             "running cost J against the measured force above which the model has drifted [%]; 0: twice the worst "
             "validation cost of the model, at least 10", 0.0, 1000.0),
@@ -134,6 +137,7 @@ CURVE = (
 FIXED = (
     EXECUTOR,
     AUTOSTART,
+    BOND,
     tunable("model", "",
             "path of the model file (model.json) that the observer uses, too; its inverse is fed forward. If it is "
             "changed while running, the new model is checked and adopted"),

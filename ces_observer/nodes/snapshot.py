@@ -1,28 +1,23 @@
 """Asks a running `ros2 bag record --snapshot-mode` to write its last seconds: when a model has drifted, or on request.
 
-The recorder's service is called by a child process, snapshot_call: neither the wait for the recorder nor its answer can
-disturb the node.
+It never waits: the node looks now and then whether the recorder is there, and whether it has answered.
 """
 
 from __future__ import annotations
 
-import subprocess
 from time import monotonic
 from typing import Any
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.service import Service
 
 from ces_observer.limits import NodeLimits
 from ces_observer.nodes.guarded_node import GuardedNode
-from ces_observer.nodes.model_check import start_child
 
-RESULTS: dict[int | None, str] = {  # by the exit status of the child, None while it runs
-    0: "taken: the recorder has written its last seconds",
-    None: f"not taken: no answer within {NodeLimits.MAX_SNAPSHOT_S:g} s",
-    3: "not taken: rosbag2_interfaces is not installed",
-    4: "not taken: no recorder in snapshot mode; start 'ros2 bag record --snapshot-mode' for the topics to keep",
-    5: "not taken: the recorder refused",
-}
+TAKEN, REFUSED = "taken: the recorder has written its last seconds", "not taken: the recorder refused"
+NO_ANSWER = f"not taken: no answer within {NodeLimits.MAX_SNAPSHOT_S:g} s"
+NO_RECORDER = "not taken: no recorder in snapshot mode; start 'ros2 bag record --snapshot-mode' for the topics to keep"
+FIND_S = 5.0  # for the recorder to be found
 
 
 class Snapshots:
@@ -32,7 +27,8 @@ class Snapshots:
         self._node, self._name, self._after_s = node, name, after_s
         self._due_s: float | None = None
         self._asked_s = -NodeLimits.SNAPSHOT_PAUSE_S
-        self._child: subprocess.Popen[bytes] | None = None
+        self._client: Any = None  # of a call in progress
+        self._answer: Any = None
         self._service: Service | None = None
         self.state = "none taken" if name else "off"
         if name:
@@ -52,38 +48,47 @@ class Snapshots:
     def work(self) -> None:
         """Take a snapshot that is due, and look after one that is being taken; never waits."""
         now = monotonic()
-        if self._child is not None:
-            status = self._child.poll()
-            if status is None and now - self._asked_s < NodeLimits.MAX_SNAPSHOT_S:
-                return
-            self._end_call()
-            self.state = RESULTS.get(status, f"not taken: the call ended with status {status}")
-            self._node.get_logger().info(f"snapshot {self.state}")
+        if self._client is not None:
+            self._look_after(now - self._asked_s)
         elif self._due_s is not None and now >= self._due_s:
             self._take(now)
 
     def close(self) -> None:
         """End a call in progress, and withdraw the service."""
-        self._end_call()
+        self._end_call(self.state)
         if self._service is not None:
             self._node.destroy_service(self._service)
 
-    def _end_call(self) -> None:
-        if self._child is not None:
-            self._child.kill()
-            self._child.wait()
-            self._child = None
+    def _look_after(self, waited_s: float) -> None:
+        """Send the request when the recorder is there, and end the call when it is over."""
+        if self._answer is None and self._client.service_is_ready():
+            self._answer = self._client.call_async(self._client.srv_type.Request())
+        if self._answer is not None and self._answer.done():
+            self._end_call(TAKEN if self._answer.result().success else REFUSED)
+        elif self._answer is None and waited_s > FIND_S:
+            self._end_call(NO_RECORDER)
+        elif waited_s > NodeLimits.MAX_SNAPSHOT_S:
+            self._end_call(NO_ANSWER)
+
+    def _end_call(self, state: str) -> None:
+        if self._client is not None:
+            self._node.destroy_client(self._client)
+            self._node.get_logger().info(f"snapshot {state}")
+        self._client, self._answer, self.state = None, None, state
 
     def _on_request(self, request: Any, response: Any) -> Any:
         """Take a snapshot now; the diagnostics say how it went."""
-        if self._child is None:
+        if self._client is None:
             self._take(monotonic())
         response.success, response.message = True, f"{self._name} is being asked; the diagnostics have its answer"
         return response
 
     def _take(self, now_s: float) -> None:
         self._due_s, self._asked_s, self.state = None, now_s, "being taken"
+        group = MutuallyExclusiveCallbackGroup()  # an answer that cannot be read would block any other
         try:
-            self._child = start_child(("-m", "ces_observer.nodes.snapshot_call", self._name))
-        except OSError as error:
-            self.state = f"not taken: no process for it: {error.strerror or error}"
+            from rosbag2_interfaces.srv import Snapshot
+
+            self._client = self._node.create_client(Snapshot, self._name, callback_group=group)
+        except (ImportError, RuntimeError) as error:  # not installed, not permitted
+            self.state = f"not taken: {error}"

@@ -16,6 +16,7 @@ from ces_observer.core import bind, floats, ints
 from ces_observer.errors import ModelError
 from ces_observer.flat import ArrayLayout, Arrays
 from ces_observer.json_text import quote
+from ces_observer.limits import NumberLimits
 from ces_observer.proof.certificate import Certificate
 from ces_observer.tick import model
 
@@ -23,6 +24,7 @@ INPUTS = ("position", "speed", "current")
 
 Range = tuple[float, float]
 Ranges = Mapping[str, Range]  # of position [m], speed [m/s] and current [A] by name
+ANY: Range = (-NumberLimits.MAX_COEFFICIENT, NumberLimits.MAX_COEFFICIENT)  # of an input that is not used
 
 
 def require_length(where: str, values: Sequence[object], count: int) -> None:
@@ -139,7 +141,7 @@ class Structure(ABC):
     def lay_out(self, within: OperatingRange) -> ArrayLayout:
         """Return the layout of its arrays: what every model has, and what `fill` writes; raises ModelError."""
         layout = ArrayLayout(model.P_STRUCTURE, model.N_STRUCTURE, model.S_STRUCTURE, model.K_STRUCTURE)
-        ranges = (*(within.inputs[name] for name in INPUTS), within.force_N)
+        ranges = (*(within.inputs[name] if name in self.uses else ANY for name in INPUTS), within.force_N)
         ends = [min(max(end, -float_info.max), float_info.max) for ends in ranges for end in ends]
         layout.put(model.POSITION_LOW, ends)
         layout.p[model.RATE] = within.rate_Hz

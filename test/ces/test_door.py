@@ -16,6 +16,7 @@ import pytest
 import ces
 from ces_data.samples import without_spikes
 from ces_identify.options import list_options
+from ces_identify.polynomial.problem import find_current_gap
 from ces_identify.scripting import progress
 from ces_observer.estimator import Estimator
 
@@ -83,7 +84,7 @@ def test_a_table_becomes_a_model_that_predicts_draws_reports_and_runs(tmp_path):
     assert simulated.index.equals(table.index) and model.predict(table).index.equals(table.index)
     assert (np.isfinite(model.predict(table, steps=5)) == np.isfinite(simulated)).all()
     frame = model.to_frame()
-    assert len(frame) == len(model.body.terms) and (frame["Standard error"] >= 0.0).all()
+    assert len(frame) == len(model.body.terms) and (frame["standard_error"] >= 0.0).all()
     page = model.report(tmp_path / "report.html", note="first <try>")
     assert "first &lt;try&gt;" in page.read_text(encoding="utf-8")
     model.save(tmp_path / "model.json")
@@ -111,7 +112,7 @@ def test_standard_errors_cover_the_truth():
         ).to_frame()
         for f in noisy
     ]
-    (a, b) = ((float(f["Coefficient"][0]), float(f["Standard error"][0])) for f in frames)
+    (a, b) = ((float(f["coefficient"][0]), float(f["standard_error"][0])) for f in frames)
     assert abs(a[0] - b[0]) < 4.0 * np.hypot(a[1], b[1]) and 0.0 < a[1] < 0.05 * abs(a[0])
 
 
@@ -119,6 +120,9 @@ def test_a_model_from_a_file_shows_the_costs_of_its_identification(model):
     row = {"recording": "noise", "role": "identification", "J": 4.94}
     known = replace(model, provenance={"cost_J_percent": [row, {**row, "role": "validation", "J": None}]})
     assert repr(known).splitlines()[-2].split() == ["noise", "identification", "4.94"]
+    full = row | {"low": 4.61, "high": 5.29, "rms_N": 61.23, "outside": 0.0, "band": 91.2}
+    shown = repr(replace(model, provenance={"cost_J_percent": [full, row]})).splitlines()
+    assert shown[-2].split() == ["noise", "identification", "4.9", "4.6", "to", "5.3", "61.2", "0.0", "91.2"]
     assert "<td" in known._repr_html_()
     assert repr(replace(model, provenance={"cost_J_percent": 3})) == model._describe()
 
@@ -138,12 +142,43 @@ def test_steady_forces_follow_speed_and_current(model):
         assert tuple(within.force_speed(speeds=0.1).index[[0, -1]]) == recorded
 
 
+@pytest.mark.parametrize(
+    ("currents", "gap"),
+    [
+        ([0.0, 1.0], (0.1, 0.9)),
+        ([0.0, 0.25, 1.0], (0.35, 0.9)),
+        ([0.0, 0.5, 1.0], None),
+        ([0.0, 0.25, 0.75, 1.0], None),
+        ([0.5, 0.52], None),  # the noise of one current
+    ],
+)
+def test_a_wide_gap_between_recorded_currents_is_not_known(currents, gap):
+    ticks = np.repeat(currents, 5000) + 0.002 * np.sin(np.arange(5000 * len(currents)))
+    found = find_current_gap(np.append(ticks, np.linspace(0.0, 1.0, 50)) if gap else ticks)  # some on the way
+    assert found == (gap and pytest.approx(gap, abs=0.01))
+
+
+def test_currents_in_the_gap_are_warned_of_wherever_the_model_runs(model, tmp_path):
+    pytest.importorskip("pandas")
+    holed = replace(model, envelope=replace(model.envelope, current_gap_A=(0.35, 0.65)))
+    holed.save(tmp_path / "model.json")
+    holed = ces.Model.load(tmp_path / "model.json")
+    assert "A without 0.35 to 0.65" in repr(holed)
+    with pytest.warns(UserWarning, match="100.0 % of the time: current 0.5.*without 0.35 to 0.65"):
+        ces.simulate(holed, T, X, 0.5)
+    with pytest.warns(UserWarning, match="currents 0.5 A: No current between 0.35 and 0.65 A was recorded"):
+        holed.force_speed(0.5, 0.1)
+    assert not [i for i in holed.force_speed(speeds=0.1).index if 0.35 < i < 0.65]
+    page = holed.report(tmp_path / "page.html", columns()).read_text(encoding="utf-8")
+    assert "Currents between 0.35 and 0.65 A: none was recorded" in page
+
+
 DOUBTS = {
     "its own recording": (lambda m, r: m.validate(r), "identified on seconds of this recording"),
     "another current": (lambda m, r: m.simulate(T, X, 0.0), "outside the model's envelope for 100.0 % of the time"),
     "mA": (
         lambda m, r: ces.simulate(m, time_s=T, position_m=X, current_A=500.0),
-        "multiply its scale by 0.001 if it is in mA",
+        "multiply it by 0.001 if it is in mA",
     ),
     "another damper": (lambda m, r: ces.validate(m, columns(current_A=0.0 * T)), "outside the model's envelope for"),
     "other signs": (
@@ -295,7 +330,10 @@ MISTAKES = {
     "no currents": (lambda m, r: m.force_speed([], 0.1), "currents: expected numbers"),
     "a model": (lambda m, r: ces.validate(None, r), "model: expected a model or a path; got None"),
     "no such model": (lambda m, r: ces.Estimator("x.json"), "x.json: no such model file"),
-    "a model's type": (lambda m, r: ces.Estimator(5), "expected the path of a model file; got a value of type int"),
+    "a model's type": (
+        lambda m, r: ces.Estimator(5),
+        "model: expected a model or the path of its file; got a value of type int",
+    ),
     "a mistyped option": (lambda m, r: ces.identify(r, tims=5), "tims: is no option of identify; did you mean 'time'"),
     "the program's option": (lambda m, r: ces.identify(r, validate=r), "did you mean 'validation'"),
     "one model": (ces.compare, "1 models to compare; expected 2"),

@@ -85,7 +85,7 @@ SAID = {
     "newtons that are named kN": (lambda: ces.Recording.from_frame(table(F_kN=FORCE)), "if it is in N, not kN"),
     "millimetres in position_m": (
         lambda: ces.Recording.from_arrays(T, 1e3 * X, 0.5),
-        "multiply its scale by 0.001 if it is in mm",
+        "multiply it by 0.001 if it is in mm",
     ),
     "an infinite force": (
         lambda: ces.Recording.from_arrays(T, X, 0.5, np.where(T[5] == T, np.inf, FORCE)),

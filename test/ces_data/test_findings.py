@@ -33,6 +33,20 @@ def recording(*channels, **constants):
     return Recording("run", {**plain, **{c.name: c for c in channels}}, constants, "bags/run")
 
 
+@pytest.mark.parametrize(
+    ("kept", "text"),
+    [
+        (np.arange(COUNT) % 10 == 0, ""),  # a slower sensor in the same table
+        (np.arange(COUNT) // 100 != 30, "force: 100 of 10000 samples are missing, for up to 0.101 s"),
+        (np.arange(COUNT) % 10 != 3, "force: 1000 of 10000 samples are missing, for up to 0.002 s"),
+        (np.arange(COUNT) >= 500, "force: 500 of 10000 samples are missing, for up to 0.501 s"),
+    ],
+)
+def test_blank_cells_of_a_table_are_counted_with_the_longest_gap(kept, text):
+    texts = [f.text for f in findings(recording(channel("force").select(kept)))]
+    assert [t.partition(" s;")[0] + " s" for t in texts] == [text] * bool(text)
+
+
 def held_stamps(count):
     stamps = START + np.arange(COUNT) * MS
     stamps[3000 : 3000 + count] = stamps[3000]

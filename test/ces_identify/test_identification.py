@@ -80,12 +80,16 @@ def test_a_model_that_explains_nothing_is_refused_unless_one_goes_on(result):
         runs = (replace(e.run, force=factor * e.run.force) for e in result.evaluations)
         return tuple(replace(e, run=run) for e, run in zip(result.evaluations, runs, strict=True))
 
-    hopeless = replace(result, evaluations=weakened(0.0))
+    (best, *_) = result.search_results
+    hopeless = replace(result, evaluations=weakened(0.0), search_results=(replace(best, ended="no candidates left"),))
     found = [Finding("warning", "current: odd", "current"), Finding("warning", "force: late", "force")]
     with pytest.raises(CesError, match=r"explains nothing of the force: J is 100\.\d % .*; force: late; ignore"):
         hopeless.require_explained(found)
     with pytest.raises(CesError, match="; the force does not follow these signals: check that topics"):
         hopeless.require_explained()
+    brief = replace(hopeless, search_results=(replace(best, ended=TIME_IS_UP),))
+    with pytest.raises(CesError, match=r"^the search was stopped after \S+ s; give it more time: the model explains"):
+        brief.require_explained()
     (forced,) = hopeless.require_explained(found, ignore_findings=True).model.provenance["forced"]
     assert forced.startswith("the model explains nothing")
     body = replace(result.model.body, terms=(Term(1.0, (Factor("current", 0),)),))

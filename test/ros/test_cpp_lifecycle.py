@@ -23,10 +23,11 @@ from lifecycle_msgs.srv import ChangeState
 from node_process import NodeProcess, ros_args
 from patience import PATIENCE_S
 from rclpy.client import Client
+from rclpy.qos import QoSReliabilityPolicy
 from rclpy.task import Future
-from std_msgs.msg import Float64
+from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
-from vehicle import Vehicle, wait
+from vehicle import PROMISES, STAMPED_CURRENT, Vehicle, reliable_inputs, wait
 
 pytestmark = pytest.mark.skipif(bool(missing_tool()), reason=f"{missing_tool()} is missing")
 
@@ -122,6 +123,12 @@ def test_a_lifecycle_manager_drives_it(vehicle: Vehicle, start_cpp: Callable[...
     assert not change(vehicle, "activate")
 
 
+def test_a_manager_keeps_a_bond(vehicle: Vehicle, start_cpp: Callable[..., NodeProcess]) -> None:
+    start_cpp(autostart=False)
+    assert change(vehicle, "configure")
+    vehicle.keeps_bond("observer", lambda: change(vehicle, "activate"), lambda: change(vehicle, "deactivate"))
+
+
 def test_it_hears_again_after_each_cleanup(
     vehicle: Vehicle, namespace: str, package: CppPackage, flat_path: Path
 ) -> None:
@@ -161,19 +168,27 @@ def test_an_input_that_its_executor_does_not_read_is_subscribed_to_anew(
     vehicle.hears_value("unexpected errors", f"1, the last: {last}")
 
 
-def test_two_publishers_of_one_number_are_named(vehicle: Vehicle, package: CppPackage, flat_path: Path) -> None:
-    node = package.start(vehicle.namespace, "observer", {"model": flat_path})
+def test_an_input_has_the_quality_that_was_asked_for_and_two_publishers_are_named(
+    vehicle: Vehicle, package: CppPackage, flat_path: Path
+) -> None:
+    lossless = reliable_inputs(vehicle.namespace, ["stamped_current"])  # of a type that is not compiled in
+    node = package.start(vehicle.namespace, "observer", {"model": flat_path, **STAMPED_CURRENT, **lossless})
     try:
         vehicle.meets_node()
-        vehicle.node.create_publisher(Float64, "valve_current", 1)
-        vehicle.hears("valve_current has 2 publishers, whose samples mix; expected one", None)
+        (heard,) = vehicle.node.get_subscriptions_info_by_topic(f"{vehicle.namespace}/stamped_current")
+        assert heard.qos_profile.reliability == QoSReliabilityPolicy.RELIABLE
+        vehicle.node.create_publisher(Temperature, "stamped_current", 1)
+        vehicle.hears("stamped_current has 2 publishers, whose samples mix; expected one", None)
     finally:
         node.kill()
 
 
-def test_a_missed_deadline_is_silence(vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path) -> None:
+@pytest.mark.parametrize("policy", PROMISES)
+def test_what_the_middleware_misses_is_silence(
+    vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path, policy: str
+) -> None:
     model = save_flat(plain_damper(max_gap_s=LONG_S), tmp_path / "patient.ces")
-    with vehicle.deadline(0.05) as overrides:
+    with vehicle.promising(policy, 0.05) as overrides:
         start_cpp(model=model, **overrides)
         vehicle.goes_silent_within(LONG_S)
 

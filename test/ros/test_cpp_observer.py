@@ -205,6 +205,7 @@ def test_words_and_keys_of_the_diagnostics_are_the_same(start_pair: Callable[...
     situations: tuple[tuple[str, dict[str, Any]], ...] = (
         ("no usable current: /#/valve_current has a publisher that is silent", {"current": None}),
         ("estimating; recovered from no usable current, then warming up (# s)", {}),
+        ("the current is stamped # s off them: by another clock? current.delay takes", {"clock_offset_s": -0.3}),
         ("off the node's clock: # s behind it, max_age_s allows # s; for a replay", {"clock_offset_s": -2.0}),
         ("no joint 'rear_damper'; the message has ['steering', 'front_damper']", {"joint": "front_damper"}),
         ("position is not finite", {"position": lambda time_s: nan}),

@@ -120,6 +120,18 @@ def test_an_observer_is_driven_by_hand(vehicle: Vehicle, start: Start, tmp_path:
     assert output.count("no such model file") == 1, output
 
 
+@pytest.mark.parametrize("name", ["observer", "controller"])
+def test_a_manager_keeps_a_bond(vehicle: Vehicle, namespace: str, model_path: Path, name: str) -> None:
+    values = {"model": model_path, "autostart": False}
+    node = NodeProcess.from_source(namespace, values, f"ces_observer.nodes.{name}")
+    try:
+        manager = Manager(vehicle, name)
+        assert manager.change("configure")
+        vehicle.keeps_bond(name, lambda: manager.change("activate"), lambda: manager.change("deactivate"))
+    finally:
+        node.kill()
+
+
 @pytest.fixture
 def observer_node(vehicle: Vehicle, model_path: Path) -> Iterator[LifecycleNode]:
     yield LifecycleNode(

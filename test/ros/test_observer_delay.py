@@ -99,14 +99,17 @@ def test_a_model_with_a_delay_gives_the_forces_of_the_batch_at_the_stamps_of_its
     vehicle.hears_value("delayed forces estimated", str(len(forces)))
 
 
-def test_the_topics_are_there_while_a_model_with_a_delay_is(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:
+def test_the_topics_are_there_while_a_model_with_a_delay_is(
+    vehicle: Vehicle, start: Start, namespace: str, tmp_path: Path
+) -> None:
     """The model changes without a delay, to one, to a longer one and back; each sample is estimated at most once."""
 
     def offered() -> list[int]:
         return [vehicle.node.count_publishers(topic) for topic in TOPICS]
 
     late = hear(vehicle, DELAYED)
-    start(model=saved(plain_damper(**NO_GAP), tmp_path), max_age_s=0.0, **{"current.constant": 0.5})
+    given = lossless_topics(namespace, ["joint_states"], ["observer/estimate", *TOPICS]) | {"current.constant": 0.5}
+    start(model=saved(plain_damper(**NO_GAP), tmp_path), max_age_s=0.0, **given)
     vehicle.meets_node()
     with vehicle.driving(contiguous=True):
         for name, delay_s in (("short", 0.003), ("long", 0.02)):

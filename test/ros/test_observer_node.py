@@ -16,7 +16,7 @@ from damper_models import plain_damper
 from node_process import NodeProcess
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from vehicle import DEEP, JOINT, Vehicle, stamp_of, stroke, wait
+from vehicle import DEEP, JOINT, PROMISES, Vehicle, stamp_of, stroke, wait
 
 from ces_observer.nodes.parameter_table import IN_USE
 
@@ -126,9 +126,10 @@ def test_two_publishers_of_one_number_are_named(live: Vehicle) -> None:
     live.node.destroy_publisher(second)
 
 
-def test_a_missed_deadline_is_silence(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:
+@pytest.mark.parametrize("policy", PROMISES)
+def test_what_the_middleware_misses_is_silence(vehicle: Vehicle, start: Start, tmp_path: Path, policy: str) -> None:
     plain_damper(max_gap_s=LONG_S).save(tmp_path / "patient.json")
-    with vehicle.deadline(0.05) as overrides:
+    with vehicle.promising(policy, 0.05) as overrides:
         start(model=tmp_path / "patient.json", **overrides)
         vehicle.goes_silent_within(LONG_S)
 

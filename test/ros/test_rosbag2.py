@@ -148,7 +148,7 @@ def test_the_programs_read_them_all_alike(experiment: tuple[Experiment, dict[str
         assert min(channel["count"] for channel in recording["channels"].values()) > 0.4 * 1000 * SECONDS
 
 
-@pytest.mark.parametrize("options", [(), ("--rate", "10"), ("--clock", "1000", "--rate", "3")])
+@pytest.mark.parametrize("options", [("--rate", "10"), ("--clock", "1000", "--rate", "3")])
 def test_playing_a_bag_equals_the_offline_replay(
     experiment: tuple[Experiment, dict[str, Recorder]], options: tuple[str, ...], model_path: Path, tmp_path: Path
 ) -> None:

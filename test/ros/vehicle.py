@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import pi, sin
 from typing import Any
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from party import Party
@@ -17,7 +18,7 @@ from patience import PATIENCE_S, wait_until
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSDurabilityPolicy, QoSLivelinessPolicy, QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -33,6 +34,7 @@ STAMPED_CURRENT = {  # parameters of a current whose messages have stamps
 }
 RATE_HZ = 1000
 RECOVERIES = 5
+PROMISES = ("deadline", "liveliness_lease_duration")  # policies by which the middleware tells of silence
 LATE_S = 0.2  # less than the age of a sample that a node allows
 
 
@@ -84,12 +86,12 @@ class Vehicle(Party):
             thread.join()
 
     @contextmanager
-    def deadline(self, deadline_s: float) -> Iterator[dict[str, object]]:
-        """Publish positions with a deadline; yield the parameters of an observer that asks for it."""
+    def promising(self, policy: str, time_s: float) -> Iterator[dict[str, object]]:
+        """Publish positions with a time in this policy; yield the parameters of an observer that asks for it."""
         before = self.position
-        qos = QoSProfile(depth=DEPTH, deadline=Duration(seconds=deadline_s))
-        self.position = self.node.create_publisher(JointState, "joint_states", qos)
-        yield {f"qos_overrides.{self.namespace}/joint_states.subscription.deadline": round(deadline_s * 1e9)}
+        offered = {"liveliness": QoSLivelinessPolicy.MANUAL_BY_TOPIC, policy: Duration(seconds=time_s)}
+        self.position = self.node.create_publisher(JointState, "joint_states", QoSProfile(depth=DEPTH, **offered))
+        yield {f"qos_overrides.{self.namespace}/joint_states.subscription.{policy}": round(time_s * 1e9)}
         self.node.destroy_publisher(self.position)
         self.position = before
 
@@ -100,6 +102,19 @@ class Vehicle(Party):
         told, stopped = len(self.statuses), time.monotonic()
         self.hears("no position samples arrive", since=told)
         assert time.monotonic() - stopped < most_s
+
+    def keeps_bond(self, name: str, begin: Callable[[], bool], end: Callable[[], bool]) -> None:
+        """Form a bond with a node as a lifecycle manager does, see it last, and break when the node ends it."""
+        bondpy = pytest.importorskip("bondpy.bondpy", reason="bondpy is not installed")
+        events: list[str] = []
+        bond = bondpy.Bond(self.node, "bond", name, lambda: events.append("broken"), lambda: events.append("formed"))
+        bond.heartbeat_timeout = PATIENCE_S
+        assert begin()
+        bond.start()
+        wait(lambda: events == ["formed"], "a bond")
+        assert end()
+        wait(lambda: events == ["formed", "broken"], "the end of the bond")
+        bond.is_shutdown = True  # its own `shutdown` takes the subscription from under the executor
 
     def drive_until(self, condition: Callable[[], bool], what: str, **options: Any) -> None:
         """Drive until `condition` holds: samples that a busy computer holds up for too long are withheld."""

@@ -264,6 +264,11 @@ public:
       !figures.has_dropped ? remarks::NO_STAMP : format_number(remarks::ARRIVAL, 1e3 * figures.mean_age_s)};
     const bool is_ahead = figures.has_dropped && figures.samples && figures.mean_age_s < -limits::AHEAD_S;
     task.add(is_ahead, remarks::AHEAD);
+    const auto & other = current.figures();
+    const auto apart_s = figures.mean_age_s - other.mean_age_s;
+    const bool is_apart = std::abs(apart_s) > (other.has_dropped ? limits::LATE_S : limits::OFFSET_S);
+    task.add(
+      figures.has_dropped && figures.samples && other.samples && is_apart, format_number(remarks::APART, apart_s));
     task.add(figures.repeats, format_number(remarks::REPEATS, static_cast<double>(figures.repeats)));
     task.add(
       figures.interruptions,

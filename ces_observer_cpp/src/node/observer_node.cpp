@@ -108,13 +108,21 @@ ObserverNode::Transition ObserverNode::on_configure(const State &) {
   return Transition::SUCCESS;
 }
 
+ObserverNode::Transition ObserverNode::on_activate(const State & state) {
+  const auto parameters = parameters_->get_params();
+  guard([&] {if (!parameters.autostart) {bond_.open(*this, parameters.bond_heartbeat_period);}});
+  return Node::on_activate(state);
+}
+
 ObserverNode::Transition ObserverNode::on_deactivate(const State & state) {
+  guard([this] {bond_.close();});
   const auto done = Node::on_deactivate(state);
   return has_fallen_ ? Transition::ERROR : done;
 }
 
 ObserverNode::Transition ObserverNode::on_cleanup(const State &) {
   has_fallen_ = false;
+  guard([this] {bond_.close();});
   let_go();
   mismatch_.clear();
   reported_reason_ = Reason::SILENT;
@@ -206,6 +214,7 @@ void ObserverNode::watch() {
   guard([this] {clock_.watch();});
   guard([this] {load_model();});
   guard([&] {if (made_) {made_->watch(elapsed);}});
+  guard([&] {bond_.watch(now);});
   guard([&] {watch_failures(now);});
   if (const auto window = now - rolled_; window >= DIAGNOSTICS) {
     rolled_ = now;

@@ -9,6 +9,7 @@
 #include <diagnostic_updater/diagnostic_updater.hpp>
 #include <ces_observer_cpp/observer_parameters.hpp>
 
+#include "node/bond.hpp"
 #include "node/observation.hpp"
 #include "node/parameter_services.hpp"
 
@@ -24,6 +25,7 @@ private:
   using State = rclcpp_lifecycle::State;
 
   Transition on_configure(const State &) override;
+  Transition on_activate(const State & state) override;
   Transition on_deactivate(const State & state) override;
   Transition on_cleanup(const State &) override;
   Transition on_shutdown(const State & state) override {return on_cleanup(state);}
@@ -66,6 +68,7 @@ private:
   diagnostic_updater::Updater updater_;
   rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>::SharedPtr details_;
   KernelDrops drops_;
+  Bond bond_;
   std::unique_ptr<Observation> made_;  // while it is configured
   ModelPtr loaded_, next_;  // for the parameter that is being set, and for one that was set
   std::array<Task, 4> tasks_;  // of the last report, with all values

@@ -21,6 +21,7 @@ from ces_data.checks.sensors import find_saturations
 from ces_data.logs.log_import import import_log
 from ces_data.logs.log_mapping import load_dyno_mapping
 from ces_data.recording import Channel, Recording
+from ces_identify.scripting.recording import with_methods
 from ces_observer.errors import RecordingError
 
 DATA = Path(os.environ.get("CES_DATA", ROOT.parent / "shared" / "data"))
@@ -90,6 +91,15 @@ def test_the_stillness_before_a_sweep_shows_no_drift_and_hides_no_sign(seconds):
     assert check_recording(begin) == ()
     (found,) = check_recording(changed(begin, force=scaled(-1.0)))
     assert found.text.startswith("force: acts with the motion instead of against it")
+
+
+@measured
+def test_a_force_that_is_sampled_too_slowly_is_no_overflow():
+    """Of the sweep to 15 Hz at 50 Hz, a counter was said to overflow."""
+    mapping = load_dyno_mapping(ROOT / "config" / "import" / "utfsm_mr.yaml")
+    slow = with_methods(import_log(DATA / "utfsm_mr" / "sweep_15Hz_0.5A.csv", mapping)).resample(50.0)
+    (found,) = check_recording(slow)
+    assert found.text.startswith("force: changes too fast for 50 Hz")
 
 
 @pytest.mark.parametrize(

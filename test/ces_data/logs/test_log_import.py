@@ -261,7 +261,7 @@ def test_name_without_the_number_and_other_data(tmp_path):
 @pytest.mark.parametrize(
     ("text", "phrase"),
     [
-        ("tme: {column: t}\n" + SIGNALS, "unknown key 'tme'; known are position, current"),
+        ("tme: {column: t}\n" + SIGNALS, "unknown key 'tme'; did you mean 'time'"),
         (SIGNALS, "give one of 'time' and 'rate'"),
         (MAPPED + "rate: 5\n", "give one of 'time' and 'rate'"),
         (

@@ -160,7 +160,7 @@ def test_mistakes(sine):
         compare_models({"a": MODEL, "b": MODEL}, [sine, sine])
     t = np.arange(2000) / 1000.0
     silent = DeskRecording.from_arrays(t, 0.01 * np.sin(20 * t), np.full(2000, 0.4), name="silent")
-    with pytest.raises(CesError, match="silent: no measured force to compare with"):
+    with pytest.raises(CesError, match="silent: no force was recorded, which is needed here"):
         compare_models({"a": MODEL, "b": MODEL}, silent)
     brief = DeskRecording.from_arrays(t[:520], 0.01 * np.sin(20 * t[:520]), np.full(520, 0.4), t[:520], name="brief")
     with pytest.raises(CesError, match=r"brief: .* samples at which all models and the measurement have a force"):

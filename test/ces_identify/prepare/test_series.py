@@ -155,7 +155,7 @@ def test_a_long_series_is_thinned_to_stretches_that_warm_up_anew(monkeypatch):
 
 
 def test_too_short_a_stretch_is_refused():
-    with pytest.raises(RecordingError, match=r"made: longest stretch without a gap is 400 ticks"):
+    with pytest.raises(RecordingError, match=r"made: too short: the longest stretch without a gap lasts 0.4 s"):
         prepare(recording(n=400), SAMPLING)
 
 

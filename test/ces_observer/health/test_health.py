@@ -18,6 +18,7 @@ from ces_observer.health.diagnostics import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, N
 from ces_observer.health.health import Health
 from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
+from ces_observer.health.streams import Arrivals
 from ces_observer.reasons import OK, OUT_OF_ORDER, OUTLIER, UNBOUNDED, WARMING_UP
 
 MS = 1_000_000
@@ -83,11 +84,11 @@ def test_what_was_withheld_in_the_window_is_a_warning_and_passes() -> None:
 
 
 def test_clamped_inputs_are_a_warning() -> None:
-    damper, health = damper_and_health()
-    feed(damper, 0, 100, position=0.2)  # the envelope ends at 0.1 m
-    health.roll(0.1, 0)
-    feed(damper, 100, 200, position=0.2)
-    health.roll(0.1, 0)
+    damper = DamperObserver(plain_damper(warm_up_s=0.05), ConstantCurrent(2.1), 0.0)  # the envelope ends at 2 A
+    health = Health(damper, {})
+    for begin in (0, 100):
+        feed(damper, begin, begin + 100)
+        health.roll(0.1, 0)
     status = told(health)
     assert status.level == LEVEL_WARN
     assert "100.0% of the forces from clamped inputs, outside what the model was identified on" in status.message
@@ -316,3 +317,19 @@ def test_after_a_reload_the_status_shows_the_new_models_facts_and_cost() -> None
     health.set_damper(damper, {"model": "other.json"}, cost)
     values = dict(told(health).values)
     assert (values["model"], values["threshold of J [%]"]) == ("other.json", "33.00")
+
+
+@pytest.mark.parametrize(("stamped", "apart_ms", "is_told"), [(False, 30, True), (True, 30, False), (True, 300, True)])
+def test_stamps_of_position_and_current_by_two_clocks_are_a_warning(
+    stamped: bool, apart_ms: int, is_told: bool
+) -> None:
+    health = damper_and_health()[1]
+    health.current = Arrivals(stamped)
+    for k in range(1, 1001):
+        health.position.take(k * MS, (k + apart_ms) * MS)
+        health.current.take((k + apart_ms) * MS, (k + apart_ms) * MS)
+    health.roll(1.0, 0)
+    words = f"; the current is stamped +{apart_ms / 1e3:.3f} s off them: by another clock? current.delay takes that off"
+    assert tasks_of(health)["time stamps"].message == (
+        f"positions arrive {apart_ms}.0 ms after their stamp" + (words if is_told else "")
+    )

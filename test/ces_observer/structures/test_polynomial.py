@@ -33,6 +33,16 @@ def model(*terms, limits=(-1e9, 1e9)):
     return make_model(terms=terms, envelope=ENVELOPE, force_envelope_N=limits)
 
 
+def test_only_an_input_in_a_term_can_be_outside():
+    made = model(Term(0.5, (FIRST,)), Term(100.0, (Factor("speed", 0),)))
+    run = made.make_predictor()
+    outside = []
+    for row in ((9.0, 0.1, 9.0), (0.0, 9.0, 0.0), (math.nan, 0.1, 0.0)):
+        run.tick(*row)
+        outside.append(run.clamped)
+    assert outside == [False, True, True]
+
+
 def driven(count, seed=1, beyond=1.0):
     """Rows of position, speed and current that wander over `beyond` times the envelope and stand still at times."""
     dice, rows = random.Random(seed), [(0.0, -0.0, 0.0)]
