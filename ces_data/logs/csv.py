@@ -375,10 +375,10 @@ class CsvTable(LogTable):
         where = f"{self.path}:{self._lines[row]}: column {name}"
         if text is None:
             return RecordingError(f"{where} is missing; expected a cell in each line")
-        expected = "a number"
+        expected, other = "a number", "," if self.dialect.decimal == "." else "."
         if csv_cells.is_grouped(text):
             expected = "a number without thousands separators: export it so"
-        elif self.dialect.decimal != "." and csv_cells.is_number(text, "."):
+        elif csv_cells.is_number(text, other):
             expected = f"decimals by '{self.dialect.decimal}' as elsewhere"
         elif DATED.search(text):
             expected = "a number, or a date in a known form (a mapping gives another: date: '%Y-%jT%H:%M:%S.%f')"

@@ -41,6 +41,7 @@ BINARY = {  # by its first bytes: what a file that is no text table is, and what
     b"PK": ("an Excel workbook or a zip archive", "save the sheet as CSV, or unpack it"),
     b"\xd0\xcf": ("an Excel workbook", "save the sheet as CSV"),
     b"\x1f\x8b": ("compressed with gzip", "unpack it"),
+    b"version https://git-lfs": ("a pointer of Git LFS to one", "fetch it: git lfs pull"),
 }
 TEXT = re.compile(rb"[\t\n\r\x20-\xff]*")
 COMMENT_MARKS = ("#", "%", "//")
@@ -71,7 +72,7 @@ class CsvDialect:
 def find_other_unit(text: str) -> str:
     """Return a unit that no signal has, as `%` or `mV/V`, or a sensitivity as `500 N/V`, from a unit or a name."""
     bracketed = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", text)
-    stated = (bracketed.group(1) if bracketed else text).strip()
+    stated = (bracketed.group(1) if bracketed else text.rpartition("_")[2]).strip()
     return stated if stated in {"%", *OTHER_UNITS} or (bracketed and stated.endswith(("/V", "/mV"))) else ""
 
 
@@ -117,9 +118,11 @@ def _find_encoding(path: Path) -> str:
     for name, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):  # without a mark, every second is zero
         if head and zeros.count(0) > 0.9 * len(zeros) and head.count(0) < 1.1 * len(zeros):
             return name
-    if b"\0" in head:
-        _refuse_zeros(path, head)
-        kind, remedy = BINARY.get(head[:2], ("binary data", "set format in the mapping if it has another"))
+    known = next((what for begin, what in BINARY.items() if head.startswith(begin)), None)
+    if b"\0" in head or known:
+        if not known:
+            _refuse_zeros(path, head)
+        kind, remedy = known or ("binary data", "set format in the mapping if it has another")
         raise RecordingError(f"{path}: not a text table, but {kind}; {remedy}")
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)

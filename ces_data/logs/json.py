@@ -101,11 +101,10 @@ class TreeTable(LogTable):
         try:
             numbers = np.atleast_1d(np.asarray(cells, dtype=np.float64).squeeze())
         except NO_NUMBERS:
-            several = cells if isinstance(cells, list | np.ndarray) else ()
-            bad = next(((row, cell) for row, cell in enumerate(several) if not isinstance(cell, int | float)), None)
-            text = f"column {key!r} has a cell that is not a number"
-            text = f"row {bad[0]}: column {key!r} is {bad[1]!r}; expected a number" if bad else text
-            raise RecordingError(f"{self.path}: {text}") from None
+            rows = list(cells) if isinstance(cells, list | np.ndarray) else []
+            bad = next((i for i, cell in enumerate(rows) if not isinstance(cell, int | float)), None)
+            text = f"row {bad}: column {key!r} is {rows[bad]!r}; expected a number" if bad is not None else ""
+            raise RecordingError(f"{self.path}: {text or f'column {key!r} has a cell that is not a number'}") from None
         if numbers.ndim != 1:
             raise RecordingError(f"{self.path}: column {key!r} has shape {numbers.shape}; expected one number a row")
         return numbers
@@ -136,8 +135,9 @@ class TreeTable(LogTable):
         return self._beside(key, "Name")
 
     def unit(self, key: str | int) -> str:
-        """Return the unit that it states, '' if none."""
-        return self._beside(key, "Unit")
+        """Return the unit that it states, or that stands beside the column, '' if none."""
+        beside = _look_up(self.root, str(key).rpartition(".")[0]) if isinstance(self.root, Mapping) else None
+        return self._beside(key, "Unit") or (str(beside.get("unit", "")) if isinstance(beside, Mapping) else "")
 
     def _is_elsewhere(self, key: str) -> bool:
         """Return whether a column may be a path from the file on, and not one in the table."""
@@ -231,10 +231,9 @@ class TreeSeries(TimedLog):
         seconds, values, _ = series
         if len(seconds) != len(values) or not len(seconds):
             raise RecordingError(f"{where} has {len(seconds)} times for {len(values)} values; expected one for each")
-        bad = np.flatnonzero(~(np.abs(seconds) <= MAX_TIME_S))
-        if len(bad):
-            text = f"time {bad[0]} is {seconds[bad[0]]:g}; expected seconds, at most {MAX_TIME_S:g}"
-            raise RecordingError(f"{where}: {text}")
+        bad = next(iter(np.flatnonzero(~(np.abs(seconds) <= MAX_TIME_S))), None)
+        if bad is not None:
+            raise RecordingError(f"{where}: time {bad} is {seconds[bad]:g}; expected seconds, at most {MAX_TIME_S:g}")
         return series
 
 

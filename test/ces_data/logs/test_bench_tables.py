@@ -228,6 +228,17 @@ KINDS = {
         "fs_Hz,position_mm,current_A,force_N\n"
         + "".join(f"{'' if k else 500},{x!r},{i!r},{f!r}\n" for k, (_, x, i, f) in enumerate(LINES)),
     ),
+    "columns of JSON with their units beside": (
+        "a.json",
+        json.dumps(
+            {
+                n: {"data": c, "unit": u}
+                for n, c, u in zip(
+                    ("t", "position", "current", "force"), zip(*LINES, strict=True), ("s", "mm", "A", "N"), strict=True
+                )
+            }
+        ),
+    ),
     "a JSON value in each line, with names inside": (
         "a.jsonl",
         "".join(
@@ -248,6 +259,30 @@ def test_tables_of_other_programs(tmp_path, kind):
 
 
 FAULTS = {
+    "a unit of percent": (
+        "a.csv",
+        "t_s,x_mm,current_%,F_N\n" + "".join(f"{t!r},{x!r},{40 * i!r},{f!r}\n" for t, x, i, f in LINES),
+        "is stated as '%'",
+    ),
+    "two marks of decimals": (
+        "a.csv",
+        "t_s;x_mm;i_A;F_N\n"
+        + "".join(
+            f"{t:.3f};{x:.4f};{i:.3f};{f:.1f}\n".replace(f"{x:.4f}", f"{x:.4f}".replace(".", ","))
+            for t, x, i, f in LINES
+        ),
+        "x_mm' is '.*'; expected decimals by '.' as elsewhere",
+    ),
+    "a pointer of Git LFS": (
+        "a.csv",
+        "version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 9\n",
+        "git lfs pull",
+    ),
+    "a short name without a unit": (
+        "a.csv",
+        "t,x_mm,i,F_N\n" + "".join(f"{t!r},{x!r},{i + 0.01 * t!r},{f!r}\n" for t, x, i, f in LINES),
+        "'i' may be it, but that is not certain: named 'i'",
+    ),
     "a value a row": (
         "a.csv",
         "elapsed,topic,value\n" + "0.0,/a.pos,1.5\n0.1,/a.pos,2.5\n0.0,/a.force,9.5\n",
@@ -267,4 +302,4 @@ def test_what_is_no_table_of_signals_says_why(tmp_path, fault):
     name, text, message = FAULTS[fault]
     (tmp_path / name).write_text(text)
     with pytest.raises(RecordingError, match=message):
-        propose_mapping(tmp_path / name)
+        propose_mapping(tmp_path / name).read()
