@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import tiny_bags as tiny
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -196,6 +197,20 @@ def write_foreign(path, encoding, schema, topics):
                 writer.add_message(channel, k * 10_000_000, raw(k), k * 10_000_000)
         writer.finish()
     return path
+
+
+def test_publishers_that_were_there_when_a_topic_was_recorded_are_counted(tmp_path):
+    none, one = QosTime(0, 0), 1
+    kinds = QosHistory(one), 10, QosReliability(one), QosDurability(one)
+    qos = Qos(*kinds, none, none, QosLiveliness(one), none, False)
+    with Writer(tmp_path / "bag", version=9) as writer:
+        for topic, kind, messages in tiny.drive():
+            two = [qos] * (2 if topic == "/valve_current" else 1)
+            connection = writer.add_connection(topic, kind, typestore=tiny.JAZZY, offered_qos_profiles=two)
+            for log_ns, message in messages:
+                writer.write(connection, log_ns, tiny.JAZZY.serialize_cdr(message, kind))
+    with pytest.warns(RecordingWarning, match="current: /valve_current had 2 publishers when it was recorded, whose"):
+        read_recording(tmp_path / "bag", DEFAULT)
 
 
 def test_json_inside_mcap_is_read_as_messages_of_numbers_and_what_is_missing_is_none(tmp_path):
