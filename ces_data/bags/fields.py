@@ -30,6 +30,7 @@ MAX_FIELDS = 64  # of one topic
 MAX_ELEMENTS = 32  # of one array
 MAX_SAMPLES = 200_000  # of one topic: 200 s at 1 kHz
 MAX_MESSAGE = 20_000  # bytes; a larger message is an image or the like
+MAX_OTHERS = 8  # messages of other lengths that are looked at
 MAX_LISTED = 20  # fields in an error
 PASSED_OVER = (
     "rcl_interfaces/", "tf2_msgs/", "diagnostic_msgs/", "rosgraph_msgs/", "visualization_msgs/", "nav_msgs/msg/Path",
@@ -118,13 +119,15 @@ def list_numbers(
 
 
 def _make_decoder(bag: Bag, topic: Topic, block: Block) -> MessageDecoder | str:
-    """Return the decoder of the first 64 numbers in a topic's first message, or why the topic is passed over."""
+    """Return the decoder of the first 64 numbers in a topic's first messages, or why the topic is passed over."""
     if int(block.lengths[0]) > MAX_MESSAGE:
         return f"messages of {int(block.lengths[0])} bytes"
     where = f"{bag.path}: topic {topic.name}"
     try:
         typestore = bag.typestore(topic)
-        numbers = list_numbers(typestore.deserialize_cdr(block.payload(0), topic.type), topic.type, typestore)
+        others = np.unique(block.lengths, return_index=True)[1][:MAX_OTHERS]  # publishers may name other joints
+        messages = [typestore.deserialize_cdr(block.payload(i), topic.type) for i in (0, *others.tolist())]
+        numbers = dict.fromkeys(text for message in messages for text in list_numbers(message, topic.type, typestore))
         paths = [FieldPath.parse(text) for text in islice(numbers, MAX_FIELDS)]
     except CesError as error:
         return str(error).removeprefix(f"{bag.path}: ")

@@ -133,6 +133,11 @@ def test_an_index_that_is_another_joint_is_refused_and_the_advice_works(tmp_path
         assert read_recording(path, DEFAULT).channel("position").values.max() < 1.0
 
 
+def test_a_joint_that_only_later_messages_name_is_proposed(tmp_path):
+    path = write(tmp_path / "bag", LOGGED, lambda k: (["rear_damper"], [0.001 * k]) if k % 3 else (["wheel"], [1.0]))
+    assert "/joint_states position[rear_damper]" in {c.label for c in find_bag_candidates([path])[0]}
+
+
 @pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
 def test_a_few_messages_of_another_order_are_left_out_with_a_warning(tmp_path):
     def joint(k):
