@@ -30,7 +30,7 @@ MAX_FIELDS = 64  # of one topic
 MAX_ELEMENTS = 32  # of one array
 MAX_SAMPLES = 200_000  # of one topic: 200 s at 1 kHz
 MAX_MESSAGE = 20_000  # bytes; a larger message is an image or the like
-MAX_OTHERS = 8  # messages of other lengths that are looked at
+MAX_FIRST = 8  # messages, and messages of different lengths, that say which numbers a topic has
 MAX_LISTED = 20  # fields in an error
 PASSED_OVER = (
     "rcl_interfaces/", "tf2_msgs/", "diagnostic_msgs/", "rosgraph_msgs/", "visualization_msgs/", "nav_msgs/msg/Path",
@@ -125,8 +125,9 @@ def _make_decoder(bag: Bag, topic: Topic, block: Block) -> MessageDecoder | str:
     where = f"{bag.path}: topic {topic.name}"
     try:
         typestore = bag.typestore(topic)
-        others = np.unique(block.lengths, return_index=True)[1][:MAX_OTHERS]  # publishers may name other joints
-        messages = [typestore.deserialize_cdr(block.payload(i), topic.type) for i in (0, *others.tolist())]
+        lengths = np.unique(block.lengths, return_index=True)[1].tolist()  # publishers may name other joints
+        first = dict.fromkeys((*range(min(MAX_FIRST, len(block))), *lengths[:MAX_FIRST]))
+        messages = [typestore.deserialize_cdr(block.payload(i), topic.type) for i in first]
         numbers = dict.fromkeys(text for message in messages for text in list_numbers(message, topic.type, typestore))
         paths = [FieldPath.parse(text) for text in islice(numbers, MAX_FIELDS)]
     except CesError as error:
