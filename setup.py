@@ -22,7 +22,7 @@ NAME = "ces_observer"
 # colcon and ROS's Debian and RPM rules run this file as a program; pip and other front ends call it through a backend.
 FOR_ROS = "setuptools.build_meta" not in sys.modules
 MDF, MAT73, PARQUET = ["asammdf>=8.0"], ["h5py>=3.8"], ["pyarrow>=14"]  # formats of logs, each optional
-TDMS = ["nptdms>=1.7"]
+TDMS, WORKBOOK = ["nptdms>=1.7"], ["openpyxl>=3.1", "matplotlib>=3.6"]
 CAN = ["cantools>=39.4", "python-can>=4.3"]
 ROS_PROGRAMS = [
     f"observer = {NAME}.nodes.observer:main",
@@ -158,9 +158,10 @@ setup(
         "parquet": PARQUET,  # ces import FILE.parquet, ces export-data --out FILE.parquet
         "formats": [*MDF, *MAT73, *CAN, *TDMS, *PARQUET],
         "frames": ["pandas>=2.1"],  # DataFrames in and out of import ces
+        "workbook": WORKBOOK,  # ces characterise --out: tables as .xlsx, charts as PNG
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
-        "serve": ["flask>=3.0"],  # ces serve
+        "serve": ["flask>=3.0", "plotly>=5.4"],  # ces serve
         "notebook": ["notebook>=7", "ipykernel>=6.25", "matplotlib>=3.6", "pandas>=2.1"],  # examples/own_data.ipynb
         "docs": ["mkdocs-material>=9.5", "ruff>=0.6"],  # make docs
         "dev": [
@@ -175,6 +176,7 @@ setup(
             *TDMS,
             *PARQUET,
             "flask>=3.0",
+            "plotly>=5.4",
             "ruff>=0.6",
             "mypy>=1.11",
             "playwright>=1.40",  # drives the Chromium of the system in tests of pages
@@ -182,7 +184,7 @@ setup(
             "types-jsonschema",
             "nbclient>=0.8",
             "nbformat>=5.9",
-            "matplotlib>=3.6",  # the notebook's, and that of make tables
+            *WORKBOOK,  # matplotlib is the notebook's, too, and that of make tables
             "ipykernel>=6.25",
             "types-PyYAML",
         ],

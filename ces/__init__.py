@@ -152,14 +152,15 @@ def characterise(
     recordings: RecordingInputs,
     *,
     model: SimulationInputs = (),
+    rules: PathInput | Mapping[str, Any] | None = None,
     out: PathInput | None = None,
     title: str = "",
     note: str = "",
     overwrite: bool = False,
 ) -> Characteristics:
-    """Return what a damper dyno shows of recordings, beside simulations; write page and CSV files to `out`.
+    """Return what a damper dyno shows of recordings, beside simulations; write page and tables to `out`.
 
-    `model` is one simulation, or several, in a list or by name.
+    `model` is one simulation, or several, in a list or by name; `rules` are those of a bench, a file or its content.
     """
     from ces_data.reading import as_recordings
     from ces_identify.characteristics.characterise import characterise as characterise_recordings
@@ -167,7 +168,7 @@ def characterise(
 
     target = _require_output("out", out, overwrite)
     given = as_recordings(recordings)
-    result = characterise_recordings(given, simulations=_open_all("model", model))
+    result = characterise_recordings(given, simulations=_open_all("model", model), rules=rules)
     if target is not None:
         write_characteristics(target, result, _head(title, note, given))
     return result

@@ -22,6 +22,7 @@ from ces_data.outputs import require_folder
 from ces_gap.report.calibration import calibrated_schema
 from ces_gap.report.gap_json import gap_schema
 from ces_identify.campaign.plan import FILE as CAMPAIGN
+from ces_identify.characteristics.rules import BenchRules
 from ces_identify.polynomial.rules_file import rules_schema
 from ces_identify.schema_files import ABOUT, KEYWORD, path_of_schema
 from ces_observer.fields import Field, Schema
@@ -201,6 +202,7 @@ BUILDERS: Mapping[str, Callable[[], Schema]] = {
     "signals": signals_schema,
     "import": partial(record_schema, DynoMapping),
     "candidates": rules_schema,
+    "rules": partial(record_schema, BenchRules),
     "campaign": lambda: CAMPAIGN.schema,
     "experiment": partial(record_schema, Experiment),
     "damper": damper_schema,

@@ -14,6 +14,7 @@ ABOUT: Mapping[str, str] = {
     "signals": "Signals file: topic and field of each signal (--signals)",
     "import": "Mapping of a log's columns to signals (ces import --mapping)",
     "candidates": "Candidate rules for the terms of a polynomial (ces identify --candidates)",
+    "rules": "Rules of a bench (ces characterise --rules)",
     "campaign": "Campaign of identifications (ces identify --campaign)",
     "experiment": "Experiment on the virtual rig (ces rig)",
     "damper": "Damper of the virtual rig, also a simulation (--sim)",

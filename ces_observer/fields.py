@@ -16,7 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, suggest
 from ces_observer.json_text import quote
 
 Schema = dict[str, Any]
@@ -356,4 +356,4 @@ def require_known_keys(
     """Raise `error` at the first key of a mapping that is not `known`."""
     for key in values:
         if key not in keys:
-            raise error(f"{where}: unknown key {quote(key)}; known are {', '.join(keys)}")
+            raise error(f"{where}: unknown key {quote(key)}{suggest(str(key), keys)}")

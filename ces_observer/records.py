@@ -19,7 +19,7 @@ from operator import attrgetter
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, suggest
 from ces_observer.fields import REQUIRED, Field, FieldError, Schema, ValueShape, explaining, missing, read_part
 from ces_observer.json_text import quote
 from ces_observer.shapes import ByName, Either
@@ -233,7 +233,7 @@ class Record(ValueShape):
         keys = self._keys(value)
         for key in value:
             if key not in keys and not self.loose:
-                raise FieldError(f": unknown key {quote(key)}; known are {', '.join(keys)}")
+                raise FieldError(f": unknown key {quote(key)}{suggest(str(key), keys)}")
         own = {name: one for name, one in self.fields.items() if one.inline or one.key in keys}
         values = {name: _read_field(one, value, base, complete) for name, one in own.items()}
         if self.own is not None:

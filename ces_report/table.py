@@ -189,7 +189,7 @@ class RowField(Field):
         value, scale = getattr(row, self.name), 1e3 if self.milli else 1.0
         if not isinstance(value, float):
             return str(value)
-        end = f"_{self.unit.replace('/', '_')}"
+        end = "" if self.unit == "1" else f"_{self.unit.replace('/', '_')}"
         spread = getattr(row, f"{self.name.removesuffix(end)}_{self.spread}{end}") if self.spread else math.nan
         return format_spread(scale * value, scale * spread, self.digits)
 

@@ -28,8 +28,11 @@ from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import PAGE, peak_table, response_table, work_table, write_characteristics
+from ces_identify.characteristics.page import PAGE, write_characteristics
 from ces_identify.characteristics.rows import Characteristics
+from ces_identify.characteristics.rules import load_rules
+from ces_identify.characteristics.tables import judged_table, peak_table, range_table, response_table, work_table
+from ces_identify.characteristics.workbook import missing_packages
 from ces_identify.comparison.comparison import name_sources
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError, OptionName
@@ -37,7 +40,7 @@ from ces_observer.records import declare
 from ces_report.shell import PageHead
 from ces_report.table import Table
 
-FOLDER = f"folder for the page ({PAGE}) and a CSV file for each table"
+FOLDER = f"folder for the page ({PAGE}), CSV files, a workbook and figures"
 MAX_ROWS = 24  # of a table in the terminal
 
 
@@ -49,6 +52,9 @@ class CharacteriseRequest(ProgramRequest):
     model: tuple[str, ...] = option((), HELP, metavar="SIM")
     signals: Path | None = declare(SIGNALS)
     part: tuple[float, ...] = declare(PART)
+    rules: Path | None = option(
+        None, "rules of a bench: which cycles, where in the stroke, limits", metavar="FILE.yaml"
+    )
     out: Path | None = option(None, FOLDER, metavar="DIR")
     title: str = declare(TITLE)
     note: str = declare(NOTE)
@@ -60,6 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     request = make_parser().read(argv)
     require_outputs(request.overwrite, folders={OUT: request.out})
+    rules = load_rules(request.rules)
     signals = load_signals(request.signals)
     simulations = _open_simulations(request.model)
     recordings = {
@@ -73,13 +80,14 @@ def main(argv: Sequence[str] | None = None) -> int:
                 simulation.force(with_predictions(simulation, p, r, signals)) for p, r in recordings.items()
             ]
     with terminal.step("characterising"):
-        results = characterise(list(recordings.values()), simulations=forces)
+        results = characterise(list(recordings.values()), simulations=forces, rules=rules)
     if request.out is not None:
         command, recorded = terminal.command_line("characterise", argv), describe_days(recordings.values())
         head = PageHead(request.title, request.note, command, recorded)
         with terminal.step(f"writing {request.out}"):
-            page, *tables = write_characteristics(request.out, results, head)
-        terminal.err.print(f"{page} and {len(tables)} CSV files", highlight=False, soft_wrap=True)
+            page, *others = write_characteristics(request.out, results, head)
+        for line in filter(None, (f"{page} and {len(others)} files beside it", missing_packages())):
+            terminal.err.print(line, highlight=False, soft_wrap=True)
     if request.json:
         print_document("characterise", {**asdict(results), "findings": findings})
     else:
@@ -110,7 +118,8 @@ def _open_simulations(specs: Sequence[str]) -> dict[str, Simulation]:
 
 
 def _print_results(results: Characteristics) -> None:
-    tables: tuple[Table[Any], ...] = (peak_table(results), work_table(results), response_table(results))
+    makers = (peak_table, range_table, work_table, response_table, judged_table)
+    tables: list[Table[Any]] = [make(results) for make in makers]
     for table in tables:
         if table.rows:
             rest = len(table.rows) - MAX_ROWS if table.rows is not results.responses else 0

@@ -1,4 +1,4 @@
-"""The characteristics of recordings: cycles recorded alike and their tables, and force over speed of any motion.
+"""The characteristics of recordings: tables of cycles recorded alike, and force over speed of any motion.
 
 Cycles of one level of current, amplitude and frequency are a condition, with a row in each table. Any motion is shown
 by quantiles of the force in bins of speed, which need no cycles, so they also describe noise and roads. Lags, stroke
@@ -9,7 +9,7 @@ steady current are grouped by level, elsewhere into equal ranges of current.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_data.reading import RecordingInputs, as_recordings
+from ces_identify.characteristics.conditions import SourceValues, find_conditions, mean, with_sd
 from ces_identify.characteristics.cycles import (
     COMPRESSION,
     DIRECTIONS,
@@ -24,14 +25,17 @@ from ces_identify.characteristics.cycles import (
     REBOUND,
     SHARES,
     Cycles,
-    CycleValues,
     evaluate_cycles,
+    find_branches,
     find_cycles,
     group_values,
     join_cycles,
+    last_of_holds,
     steady_current,
 )
+from ces_identify.characteristics.judge import judge
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch, prepare_motion
+from ces_identify.characteristics.over_current import list_over_current, list_ranges
 from ces_identify.characteristics.rows import (
     Characteristics,
     ContinuousForce,
@@ -42,6 +46,7 @@ from ces_identify.characteristics.rows import (
     SpeedBin,
     find_omissions,
 )
+from ces_identify.characteristics.rules import BRANCHES, LAST_CYCLE, BenchRules, RulesInput, load_rules
 from ces_identify.characteristics.steps import average_steps, group_steps, read_steps
 from ces_identify.limits import BinLimits, DynoLimits
 from ces_identify.numerics.correlation import noise_rms
@@ -55,17 +60,20 @@ QUANTILES = (0.1, 0.5, 0.9)
 FEW = f"fewer than {DynoLimits.MIN_REPEATS} cycles: no spread"
 NOTHING_DISSIPATED = "the loop dissipates nothing: check the sign of force or position, or the delay between them"
 NO_RATIO = "one direction does not resist: no ratio (offset of the force?)"
-Condition = tuple[I, dict[str, float]]  # the cycles (indices, rising), and the columns that describe them
 
 
 def characterise(
-    recordings: RecordingInputs, *, simulations: Mapping[str, Simulation | Sequence[F]] | None = None
+    recordings: RecordingInputs,
+    *,
+    simulations: Mapping[str, Simulation | Sequence[F]] | None = None,
+    rules: RulesInput = None,
 ) -> Characteristics:
     """Return the characteristics of recordings with a measured force, and of simulations run over them.
 
-    `simulations` holds, by name, simulations or their forces [N] at the position samples of each recording. Raises
-    CesError for a recording that cannot be used.
+    `simulations` holds, by name, simulations or their forces [N] at the position samples of each recording; `rules` are
+    those of a file or a mapping. Raises CesError for a recording that cannot be used, or for a wrong rule.
     """
+    bench = load_rules(rules)
     given = as_recordings(recordings)
     if MEASURED in (simulations or {}):
         raise CesError(f"a simulation is named '{MEASURED}'; expected another name")
@@ -73,7 +81,9 @@ def characterise(
         name: list(source) if isinstance(source, Sequence) else [source.force(recording) for recording in given]
         for name, source in (simulations or {}).items()
     }
-    motions = [prepare_motion(r, {name: force[k] for name, force in forces.items()}) for k, r in enumerate(given)]
+    motions = [
+        prepare_motion(r, {name: f[k] for name, f in forces.items()}, bench.gas_force_N) for k, r in enumerate(given)
+    ]
     stretches = [stretch for motion in motions for stretch in motion.stretches]
     if not stretches:
         raise CesError(f"{given[0].name}: no stretch of position and current without a gap is long enough")
@@ -84,19 +94,24 @@ def characterise(
         for stretch in motion.stretches
     ]
     cycles = join_cycles(parts)
-    tables = cycle_tables(cycles.select(cycles.used), tolerance, sources)
-    read = [step for motion in motions for step in read_steps(motion, sources, tolerance)]
-    steps, means = tuple(step.row for step in read), [average_steps(group) for group in group_steps(read, tolerance)]
+    cycles = replace(cycles, branch=find_branches(cycles, motions, tolerance, BRANCHES[bench.first_hold]))
+    tables = cycle_tables(cycles.select(cycles.used), tolerance, sources, bench)
+    read = [step for motion in motions for step in read_steps(motion, sources, tolerance, bench)]
+    steps = tuple(step.row for step in read)
+    means = [average_steps(group, bench) for group in group_steps(read, tolerance)]
+    responses = tuple(response for response, _ in means)
     return Characteristics(
+        rules=bench,
         sources=sources,
         current_tolerance_A=tolerance,
         recordings=tuple(_describe(motion, k, cycles) for k, motion in enumerate(motions)),
         **tables,
-        responses=tuple(response for response, _ in means),
+        responses=responses,
         response_points=tuple(point for _, points in means for point in points),
         steps=steps,
         speed_bins=tuple(row for source in sources for row in fill_bins(stretches, source, tolerance)),
-        omissions=tuple(find_omissions(motions, cycles, steps, tables["work"])),
+        judged=tuple(judge(bench.limit, responses, tables["ranges"])),
+        omissions=tuple(find_omissions(motions, cycles, steps, tables, bench)),
     )
 
 
@@ -151,34 +166,27 @@ def _group_by_current(current: F, steady: Mask, tolerance: float) -> Iterator[tu
         yield float(a), float(b), np.flatnonzero(finite & inside)
 
 
-@dataclass(frozen=True)
-class SourceValues:
-    """The values of one condition's cycles by one source, beside the measured ones; `key` holds the shared columns."""
-
-    key: dict[str, Any]
-    cycles: Cycles
-    values: CycleValues
-    measured: CycleValues
-
-    def difference(self, values: F, measured: F) -> F:
-        """Return values minus measured ones; NaN for the measurement itself."""
-        return values - measured if self.key["source"] != MEASURED else np.full_like(values, np.nan)
-
-
-def cycle_tables(cycles: Cycles, tolerance_A: float, sources: Sequence[str]) -> dict[str, tuple[Any, ...]]:
+def cycle_tables(
+    cycles: Cycles, tolerance_A: float, sources: Sequence[str], rules: BenchRules
+) -> dict[str, tuple[Any, ...]]:
     """Return the tables about used cycles; those that need a spread leave out conditions with too few cycles."""
     tables: dict[str, list[Any]] = {name: [] for name in ROWS_OF}
+    read: list[SourceValues] = []
     for indices, columns in find_conditions(cycles, tolerance_A):
         chosen = cycles.select(indices)
-        measured = evaluate_cycles(chosen, MEASURED)
+        measured = evaluate_cycles(chosen, MEASURED, rules)
+        last = last_of_holds(chosen) if rules.cycles == LAST_CYCLE else np.ones(len(indices), np.bool_)
         for source in sources:
-            values = measured if source == MEASURED else evaluate_cycles(chosen, source)
+            values = measured if source == MEASURED else evaluate_cycles(chosen, source, rules)
             count = int(np.isfinite(values.work_J).sum())
-            of_source = SourceValues({"source": source, "cycles": count, **columns}, chosen, values, measured)
+            key = {"source": source, "cycles": count, **columns}
+            read.append(of_source := SourceValues(key, chosen, values, measured, last, rules))
             for name, make_rows in ROWS_OF.items():
                 if count >= (1 if name == "peak_velocity" else DynoLimits.MIN_REPEATS):
                     tables[name] += make_rows(of_source)
-    return {name: tuple(rows) for name, rows in tables.items()}
+    over_current = list_over_current(read)
+    beside = {"over_current": over_current, "ranges": list_ranges(over_current)}
+    return {name: tuple(rows) for name, rows in tables.items()} | beside
 
 
 def current_tolerance(stretches: Sequence[Stretch]) -> float:
@@ -192,53 +200,19 @@ def current_tolerance(stretches: Sequence[Stretch]) -> float:
     return max(DynoLimits.SAME * largest, DynoLimits.BEYOND_NOISE * noise, 1e-9)
 
 
-def find_conditions(cycles: Cycles, tolerance_A: float) -> list[Condition]:
-    """Return the cycles of each current, amplitude and frequency, by current, then peak speed, with their columns."""
-    amplitude = 0.5 * np.ptp(cycles.position, axis=1)
-    frequency = 1.0 / (cycles.time_s[:, -1] - cycles.time_s[:, 0])
-    centre = 0.5 * (cycles.position.max(axis=1) + cycles.position.min(axis=1))
-    conditions: list[Condition] = []
-    for level in group_values(cycles.current_A, tolerance_A):
-        current = cycles.current_A[level]
-        for group in _group_cycles(np.sort(level), amplitude, frequency, centre):
-            columns = {
-                "current_A": float(current.mean()),
-                "current_width_A": float(np.ptp(current)),
-                "amplitude_m": float(amplitude[group].mean()),
-                "frequency_Hz": float(frequency[group].mean()),
-            }
-            conditions.append((group, columns))
-    return sorted(conditions, key=lambda c: (c[1]["current_A"], c[1]["amplitude_m"] * c[1]["frequency_Hz"]))
-
-
-def _group_cycles(indices: I, amplitude: F, frequency: F, centre: F) -> Iterator[I]:
-    """Yield groups of cycles: each cycle joins the first group whose means it matches."""
-    members: list[list[int]] = []
-    means: list[F] = []
-    for index in indices.tolist():
-        values = np.array([np.log(amplitude[index]), np.log(frequency[index]), centre[index] / amplitude[index]])
-        limits = (DynoLimits.SAME, DynoLimits.SAME, DynoLimits.SAME_CENTRE)
-        match = next((k for k, mean in enumerate(means) if (np.abs(values - mean) <= limits).all()), None)
-        if match is None:
-            members.append([index])
-            means.append(values)
-        else:
-            members[match].append(index)
-            means[match] += (values - means[match]) / len(members[match])
-    yield from (np.array(group, np.int64) for group in members)
-
-
 def peak_rows(source: SourceValues) -> Iterator[PeakForce]:
-    """Yield the peak velocity pick-up in both directions."""
+    """Yield the force by the rules in both directions."""
     for direction in DIRECTIONS:
-        half, measured = source.values.halves[direction], source.measured.halves[direction]
+        speed, force, difference = source.forces(direction)
         yield PeakForce(
-            **source.key,
+            **source.key | {"cycles": (count := int(np.isfinite(force).sum()))},
             direction=direction,
-            speed_m_s=mean(half.peak_speed),
-            **_with_sd("force", "N", half.peak_force),
-            **_with_sd("difference", "N", source.difference(half.peak_force, measured.peak_force)),
-            note=FEW if source.key["cycles"] < DynoLimits.MIN_REPEATS else "",
+            target_m_s=source.target(mean(speed)),
+            speed_m_s=mean(speed),
+            **with_sd("force", "N", force),
+            raw_N=mean(force) - source.rules.gas_force_N,
+            **with_sd("difference", "N", difference),
+            note=FEW if count < DynoLimits.MIN_REPEATS else "",
         )
 
 
@@ -255,8 +229,8 @@ def continuous_rows(source: SourceValues) -> Iterator[ContinuousForce]:
                 speed_m_s=float(share) * speed,
                 accelerating_N=mean(half.accelerating[:, k]),
                 decelerating_N=mean(half.decelerating[:, k]),
-                **_with_sd("force", "N", force[:, k]),
-                **_with_sd("width", "N", width[:, k]),
+                **with_sd("force", "N", force[:, k]),
+                **with_sd("width", "N", width[:, k]),
                 difference_N=mean(difference[:, k]),
             )
 
@@ -269,26 +243,26 @@ def loop_rows(source: SourceValues) -> Iterator[LoopPoint]:
             phase=k / (2 * HALF),
             position_m=mean(source.cycles.position[:, k]),
             speed_m_s=mean(source.cycles.speed[:, k]),
-            **_with_sd("force", "N", source.cycles.forces[source.key["source"]][:, k]),
+            **with_sd("force", "N", source.cycles.forces[source.key["source"]][:, k]),
         )
 
 
 def work_rows(source: SourceValues) -> Iterator[CycleWork]:
     """Yield work, equivalent damping and the forces at zero speed."""
     values = source.values
-    compression, rebound = (mean(values.halves[d].peak_force) for d in (COMPRESSION, REBOUND))
+    compression, rebound = (mean(values.halves[d].force) for d in (COMPRESSION, REBOUND))
     dissipates = mean(values.work_J) > 0.0
     damped = dissipates and compression > 0.0 > rebound
     yield CycleWork(
         **source.key,
-        **_with_sd("work", "J", values.work_J),
+        **with_sd("work", "J", values.work_J),
         power_W=mean(values.power_W),
-        **(_with_sd("damping", "Ns_m", values.damping_Ns_m) if dissipates else {}),
-        **_with_sd("mid_force", "N", 0.5 * (values.top_N + values.bottom_N)),
-        **_with_sd("zero_width", "N", values.top_N - values.bottom_N),
+        **(with_sd("damping", "Ns_m", values.damping_Ns_m) if dissipates else {}),
+        **with_sd("mid_force", "N", 0.5 * (values.top_N + values.bottom_N)),
+        **with_sd("zero_width", "N", values.top_N - values.bottom_N),
         zero_width_per_ms_N=mean(values.width_per_skew_N),
         rebound_ratio=-rebound / compression if damped else np.nan,
-        **_with_sd("difference", "J", source.difference(values.work_J, source.measured.work_J)),
+        **with_sd("difference", "J", source.difference(values.work_J, source.measured.work_J)),
         note="" if damped else NO_RATIO if dissipates else NOTHING_DISSIPATED,
     )
 
@@ -299,16 +273,3 @@ ROWS_OF: dict[str, Callable[[SourceValues], Iterator[Any]]] = {
     "loops": loop_rows,
     "work": work_rows,
 }
-
-
-def mean(values: F) -> float:
-    """Return the mean of the finite values, NaN if there are none."""
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if len(finite) else np.nan
-
-
-def _with_sd(name: str, unit: str, values: F) -> dict[str, Any]:
-    """Return the columns of a mean and its standard deviation between cycles, NaN for fewer than MIN_REPEATS."""
-    finite = values[np.isfinite(values)]
-    sd = float(finite.std(ddof=1)) if len(finite) >= DynoLimits.MIN_REPEATS else np.nan
-    return {f"{name}_{unit}": mean(values), f"{name}_sd_{unit}": sd}

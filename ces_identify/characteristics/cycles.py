@@ -8,6 +8,7 @@ accelerating branch) and then falls to zero (the decelerating branch).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,8 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.characteristics.motion import MEASURED, Stretch
+from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch
+from ces_identify.characteristics.rules import CENTRE, MAXIMUM, BenchRules
 from ces_identify.limits import DynoLimits
 
 HALF = 100  # samples of each half of a cycle after resampling
@@ -34,7 +36,7 @@ DIRECTIONS = (COMPRESSION, REBOUND)
 EVEN = 7  # instants of a half over which the speed is averaged to find the peak: 0.2 % lower for a sine
 SHARES = np.round(np.arange(1, 20) * 0.05, 2)  # of the peak speed, at which the branches are read
 SKEW_S = 1e-3  # [s] delay between force and position whose effect on widths is stated
-ARRAYS = ("time_s", "position", "speed", "current_A", "reason", "recording")  # of cycles, beside the forces
+ARRAYS = ("time_s", "position", "speed", "current_A", "reason", "recording", "branch")  # of cycles, beside the forces
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ class Cycles:
     """n cycles resampled to 2 * HALF + 1 instants each: compression in the first half, rebound in the second.
 
     `time_s` (n, instants) counts from the recording's first sample; `current_A` (n,) is the mean in the cycle;
-    `reason` (n,) is an index into REASONS, -1 for a cycle that is used; `recording` (n,) is its number.
+    `reason` (n,) is an index into REASONS, -1 for a cycle that is used; `recording` (n,) is its number. `branch` (n,)
+    is 1 where the current was raised to its level, -1 where it was lowered, 0 where nothing is known of before.
     """
 
     time_s: F
@@ -52,6 +55,7 @@ class Cycles:
     current_A: F
     reason: I
     recording: I
+    branch: I
 
     @property
     def used(self) -> Mask:
@@ -93,7 +97,34 @@ def find_cycles(stretch: Stretch, number: int, tolerance_A: float, speed_noise: 
         current_A=np.asarray((total[b] - total[a]) / np.maximum(b - a, 1)),
         reason=np.where(failed.any(axis=0), failed.argmax(axis=0), -1).astype(np.int64),
         recording=np.full(len(at), number, np.int64),
+        branch=np.zeros(len(at), np.int64),
     )
+
+
+def find_branches(cycles: Cycles, motions: Sequence[RecordingMotion], tolerance_A: float, first: int) -> I:
+    """Return the branch of each cycle (n,), by the last other steady current before it; without one it is `first`."""
+    branch = np.zeros(len(cycles.current_A), np.int64)
+    for number, stretches in enumerate(motion.stretches for motion in motions):
+        own = np.flatnonzero(cycles.recording == number)
+        held = [(s.time_s[steady], s.current[steady]) for s in stretches for steady in [steady_current(s, tolerance_A)]]
+        if not len(own):
+            continue
+        time, current = (np.concatenate(parts) for parts in zip(*held, strict=True))
+        state, level, begin = first, np.nan, 0
+        for index, end in zip(own, np.searchsorted(time, cycles.time_s[own, 0]), strict=True):
+            now = cycles.current_A[index]
+            before = np.append(level, current[begin:end])
+            other = before[np.abs(before - now) > tolerance_A]
+            state = int(np.sign(now - other[-1])) if len(other) else state
+            branch[index], level, begin = state, now, end
+    return branch
+
+
+def last_of_holds(cycles: Cycles) -> Mask:
+    """Return which cycles (n,), all of one condition, are the last of a hold: of those that follow one another."""
+    start, end = cycles.time_s[:, 0], cycles.time_s[:, -1]
+    follows = (cycles.recording[1:] == cycles.recording[:-1]) & (start[1:] - end[:-1] < 0.5 * (end - start)[1:])
+    return np.append(~follows, True)
 
 
 def find_reversals(stretch: Stretch, noise_m: float) -> tuple[I, I]:
@@ -203,14 +234,16 @@ def join_cycles(parts: list[Cycles]) -> Cycles:
 
 @dataclass(frozen=True)
 class HalfValues:
-    """One direction of n cycles, forces as measured.
+    """One direction of n cycles.
 
-    `peak_speed` (n,) and `peak_force` (n,) are means over the stretch where the speed is at least PEAK_SHARE of its
-    largest; `accelerating` and `decelerating` (n, shares) are the forces at SHARES of the peak speed.
+    `speed` (n,) and `force` (n,) are read by the bench's rules. `peak_speed` (n,) is the mean over the stretch where
+    the speed is at least PEAK_SHARE of its largest; `accelerating` and `decelerating` (n, shares) are the forces at
+    SHARES of it.
     """
 
+    speed: F
+    force: F
     peak_speed: F
-    peak_force: F
     accelerating: F
     decelerating: F
 
@@ -242,7 +275,7 @@ class CycleValues:
     halves: dict[str, HalfValues]
 
 
-def evaluate_cycles(cycles: Cycles, source: str) -> CycleValues:
+def evaluate_cycles(cycles: Cycles, source: str, rules: BenchRules) -> CycleValues:
     """Return the values of cycles by the force of one source; NaN for a cycle without it."""
     force, x, v, t = cycles.forces[source], cycles.position, cycles.speed, cycles.time_s
     force = np.where(np.isfinite(force).all(axis=1, keepdims=True), force, np.nan)
@@ -251,6 +284,8 @@ def evaluate_cycles(cycles: Cycles, source: str) -> CycleValues:
     period = t[:, -1] - t[:, 0]
     slope = np.gradient(force, axis=1) / np.gradient(t, axis=1)
     bottom_slope = 0.5 * (slope[:, 1] + slope[:, -2])
+    rise = (x - x.min(axis=1, keepdims=True)) / np.ptp(x, axis=1)[:, None] - 0.5  # from the centre, in strokes
+    up, down = np.s_[:, : HALF + 1], np.s_[:, HALF:]
     return CycleValues(
         work_J=work,
         damping_Ns_m=work / np.sum(0.5 * (v[:, 1:] ** 2 + v[:, :-1] ** 2) * np.diff(t, axis=1), axis=1),
@@ -259,23 +294,41 @@ def evaluate_cycles(cycles: Cycles, source: str) -> CycleValues:
         bottom_N=0.5 * (force[:, 0] + force[:, -1]),
         width_per_skew_N=np.abs(slope[:, HALF] - bottom_slope) * SKEW_S,
         halves={
-            COMPRESSION: _evaluate_half(v[:, : HALF + 1], force[:, : HALF + 1], 1.0),
-            REBOUND: _evaluate_half(v[:, HALF:], force[:, HALF:], -1.0),
+            COMPRESSION: _evaluate_half(rise[up], v[up], force[up], 1.0, rules),
+            REBOUND: _evaluate_half(-rise[down], -v[down], force[down], -1.0, rules),
         },
     )
 
 
-def _evaluate_half(speed: F, force: F, sign: float) -> HalfValues:
-    v = sign * speed
+def _evaluate_half(rise: F, v: F, force: F, sign: float, rules: BenchRules) -> HalfValues:
+    """Return the values of a half; `rise` (n, instants) goes from -0.5 to 0.5 with the speed v (n, instants) >= 0."""
     even = uniform_filter1d(v, EVEN, axis=1, mode="nearest")  # the highest of noisy samples is too high
     top = even >= DynoLimits.PEAK_SHARE * even.max(axis=1, keepdims=True)
     count = top.sum(axis=1)
     peak_speed = np.where(top, v, 0.0).sum(axis=1) / count
-    peak_force = np.where(top, force, 0.0).sum(axis=1) / count
     middle = np.rint((top * np.arange(v.shape[1])).sum(axis=1) / count).astype(int)
     rising, falling = np.full((2, len(v), len(SHARES)), np.nan)
     for i, m in enumerate(middle):
         wanted = SHARES * peak_speed[i]
         rising[i] = np.interp(wanted, np.maximum.accumulate(v[i, : m + 1]), force[i, : m + 1])
         falling[i] = np.interp(wanted, np.maximum.accumulate(v[i, m:][::-1]), force[i, m:][::-1])
-    return HalfValues(sign * peak_speed, np.where(np.isfinite(force).all(axis=1), peak_force, np.nan), rising, falling)
+    weights = _weigh_centre(rise, rules.window) if rules.read_at == CENTRE else top / count[:, None]
+    whole = np.isfinite(force).all(axis=1)
+    read = (weights * force).sum(axis=1)
+    if rules.value == MAXIMUM and whole.any():  # where the mean stroke is largest: noise hardly raises that
+        inside = np.where((weights > 0.0).mean(axis=0) >= 0.5, sign * force[whole].mean(axis=0), -np.inf)
+        read = force[:, inside.argmax()]
+    read = np.where(whole, read, np.nan)
+    return HalfValues(sign * (weights * v).sum(axis=1), read, sign * peak_speed, rising, falling)
+
+
+def _weigh_centre(rise: F, window: float) -> F:
+    """Return the weights (n, instants) of a window about the centre; if it is empty, those of the crossing."""
+    inside = np.abs(rise) <= 0.5 * window
+    after = np.clip((rise >= 0.0).argmax(axis=1), 1, None)[:, None]
+    a, b = np.take_along_axis(rise, after - 1, axis=1), np.take_along_axis(rise, after, axis=1)
+    share = np.clip(-a / np.where(b > a, b - a, 1.0), 0.0, 1.0)
+    at = np.arange(rise.shape[1])
+    crossing = np.where(at == after, share, 0.0) + np.where(at == after - 1, 1.0 - share, 0.0)
+    count = inside.sum(axis=1, keepdims=True)
+    return np.where((count > 0) & (window > 0.0), inside / np.maximum(count, 1), crossing)

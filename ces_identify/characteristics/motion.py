@@ -59,8 +59,11 @@ class RecordingMotion:
     stretches: tuple[Stretch, ...]
 
 
-def prepare_motion(recording: Recording, simulated: Mapping[str, F]) -> RecordingMotion:
-    """Return a recording's motion; `simulated` are forces [N] at its position samples. Raises RecordingError."""
+def prepare_motion(recording: Recording, simulated: Mapping[str, F], gas_force_N: float = 0.0) -> RecordingMotion:
+    """Return a recording's motion; `simulated` are forces [N] at its position samples. Raises RecordingError.
+
+    `gas_force_N` is added to every force.
+    """
     recording = without_spikes(recording)
     rate = sample_rate(recording)
     gap_s = longest_gap_s(rate)
@@ -72,7 +75,7 @@ def prepare_motion(recording: Recording, simulated: Mapping[str, F]) -> Recordin
     for name, force_N in simulated.items():
         forced[name] = Recording(recording.name, {"force": Channel("force", "N", position.stamps_ns, force_N)})
     start = int(position.stamps_ns.min())
-    stretches = [_make_stretch(forced, times, x, rate, bandwidth, gap_s, start) for times, x in grids]
+    stretches = [_make_stretch(forced, times, x, rate, bandwidth, gap_s, start, gas_force_N) for times, x in grids]
     force = recording.channels.get("force")
     return RecordingMotion(
         name=recording.name,
@@ -129,7 +132,14 @@ def _make_grids(recording: Recording, rate: float, gap_s: float) -> list[tuple[I
 
 
 def _make_stretch(
-    forced: Mapping[str, Recording], times: I, position: F, rate: float, bandwidth: float, gap_s: float, start_ns: int
+    forced: Mapping[str, Recording],
+    times: I,
+    position: F,
+    rate: float,
+    bandwidth: float,
+    gap_s: float,
+    start_ns: int,
+    gas_force_N: float,
 ) -> Stretch:
     recording = forced[MEASURED]
     smooth, speed = differentiate(position, rate, bandwidth)
@@ -141,7 +151,7 @@ def _make_stretch(
         speed=speed,
         current=hold_current(recording, times, MotionLimits.MAX_CURRENT_AGE_S),
         current_s=np.empty(0) if logged is None else _seconds(np.sort(logged.stamps_ns), start_ns),
-        forces={source: interpolate_force(given, times, gap_s) for source, given in forced.items()},
+        forces={source: interpolate_force(given, times, gap_s) + gas_force_N for source, given in forced.items()},
     )
 
 

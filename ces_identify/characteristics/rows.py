@@ -7,7 +7,7 @@ simulation's value minus the measured one over the same cycles, NaN in rows of t
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from ces_data.frames import import_pandas
 from ces_identify.characteristics.cycles import REASONS, Cycles
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion
+from ces_identify.characteristics.rules import BenchRules
 from ces_observer.errors import CesError, suggest
 from ces_report.table import PrintedResult, column, whole, words
 
@@ -44,14 +45,63 @@ class ConditionRow:
 
 @dataclass(frozen=True, kw_only=True)
 class PeakForce(ConditionRow):
-    """Peak velocity pick-up: the force at the peak speed of a stroke."""
+    """The force of a stroke by the rules; by default at its peak speed (peak velocity pick-up)."""
 
     direction: str = words("compression or rebound", "Direction")
-    speed_m_s: float = column("m/s", "mean peak speed, negative in rebound", "Speed", "speed")
+    target_m_s: float = column("m/s", "target speed that this one is within the tolerance of", "Target")
+    speed_m_s: float = column("m/s", "mean speed where it is read, negative in rebound", "Speed", "speed")
     force_N: float = column("N", "mean force there", "Force", "force", digits=4, spread="sd")
     force_sd_N: float = column("N", "standard deviation between cycles")
+    raw_N: float = column("N", "mean force without the gas force of the rules", "As logged", digits=4)
     difference_N: float = column("N", "simulated minus measured force", "Difference", "difference", spread="sd")
     difference_sd_N: float = column("N", "standard deviation of the difference between cycles")
+    note: str = words("reason for an empty cell")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurrentForce(ConditionRow):
+    """Force over current at a speed: branches of raised and lowered currents, hysteresis, linearity."""
+
+    direction: str = words("compression or rebound", "Direction")
+    target_m_s: float = column("m/s", "target speed")
+    speed_m_s: float = column("m/s", "mean speed, negative in rebound", "Speed", "speed")
+    force_N: float = column("N", "mean force of all cycles", "Force", "force", digits=4, spread="sd")
+    force_sd_N: float = column("N", "standard deviation between cycles")
+    raw_N: float = column("N", "mean force without the gas force of the rules")
+    raised_N: float = column("N", "mean force where the current was raised to its level", "Raised", digits=4)
+    lowered_N: float = column("N", "mean force where the current was lowered to its level", "Lowered", digits=4)
+    width_N: float = column(
+        "N", "magnetic hysteresis: how much more it resists where lowered", "Hysteresis", "hysteresis", spread="ci95"
+    )
+    width_ci95_N: float = column("N", "half its 95 % interval")
+    width_share: float = column("1", "hysteresis over the range from soft to hard", "of the range", digits=2)
+    linearity: float = column("1", "(F - F soft) / (F hard - F soft)", "Linearity", "linearity")
+    difference_N: float = column("N", "simulated minus measured force", "Difference", "difference", spread="sd")
+    difference_sd_N: float = column("N", "standard deviation of the difference between cycles")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlRange:
+    """Range and ratio of the force at a speed, from the softest to the hardest current."""
+
+    source: str = words("`measured`, or the simulation", "Force", "force")
+    direction: str = words("compression or rebound", "Direction")
+    target_m_s: float = column("m/s", "target speed")
+    speed_m_s: float = column("m/s", "mean speed, negative in rebound", "Speed", "speed")
+    amplitude_m: float = column("m", "mean amplitude", "Amplitude", milli=True)
+    frequency_Hz: float = column("Hz", "mean frequency", "Frequency")
+    soft_A: float = column("A", "current of the softest setting", "Soft", "soft")
+    hard_A: float = column("A", "current of the hardest setting", "Hard", "hard")
+    soft_N: float = column("N", "force there", "F soft", digits=4)
+    hard_N: float = column("N", "force there", "F hard", digits=4)
+    range_N: float = column("N", "hard minus soft, as resistance", "Range", "range", digits=4, spread="ci95")
+    range_ci95_N: float = column("N", "half its 95 % interval")
+    ratio: float = column("1", "hard over soft", "Ratio", "ratio", spread="ci95")
+    ratio_ci95: float = column("1", "half its 95 % interval")
+    hysteresis_N: float = column("N", "largest of all currents", "Hysteresis", "hysteresis", spread="ci95")
+    hysteresis_ci95_N: float = column("N", "half its 95 % interval")
+    difference_N: float = column("N", "simulated minus measured range", "Difference", "difference")
+    difference_ratio: float = column("1", "simulated minus measured ratio", "of the ratio")
     note: str = words("reason for an empty cell")
 
 
@@ -151,7 +201,7 @@ class StepResponse:
 
     source: str = words("`measured`, or the simulation")
     recording: str = words("name of the recording")
-    time_s: float = column("s", "when the current began to change, from the first position sample")
+    time_s: float = column("s", "when the current had changed by the rules' share, from the first position sample")
     time_doubt_s: float = column("s", "half the sampling interval of the current in which it did")
     from_A: float = column("A", "current before")
     to_A: float = column("A", "current after")
@@ -160,20 +210,22 @@ class StepResponse:
     before_N: float = column("N", "force before")
     after_N: float = column("N", "force after it has settled")
     time_63_s: float = column("s", "from the step to 63.2 % of the change")
+    time_90_s: float = column("s", "from the step to 90 % of the change")
     dead_time_s: float = column("s", "dead time of a first-order lag through 28.3 % and 63.2 %")
     time_constant_s: float = column("s", "its time constant: 63.2 % after the dead time")
     rise_s: float = column("s", "from 10 % to 90 % of the change")
+    dip: float = column("1", "share of the change by which the force falls back before it stays; 0: none")
     note: str = words("why the response cannot be read")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValveResponse:
-    """Mean response to steps of one kind; `..._ci95_s` is half the 95 % interval, with the sampling of the current."""
+    """Mean response to steps of one kind; `..._ci95` is half the 95 % interval, with the sampling of the current."""
 
     source: str = words("`measured`, or the simulation", "Force", "force")
     from_A: float = column("A", "current before", "From", "from", digits=2)
     to_A: float = column("A", "current after", "To", "to", digits=2)
-    change: str = words("up or down")
+    change: str = words("soft to hard, or hard to soft", "Step")
     direction: str = words("compression or rebound", "Direction")
     steps: int = whole("number of steps read", "Steps", "steps")
     speed_m_s: float = column("m/s", "mean speed at the steps", "Speed", "speed", digits=2)
@@ -187,6 +239,10 @@ class ValveResponse:
         spread="ci95",
     )
     time_63_ci95_s: float = column("s", "half its interval")
+    time_90_s: float = column(
+        "s", "from the step to 90 % of the change", "90\N{NO-BREAK SPACE}%", "90 %", milli=True, spread="ci95"
+    )
+    time_90_ci95_s: float = column("s", "half its interval")
     dead_time_s: float = column("s", "dead time", "Dead time", "dead time", milli=True, spread="ci95")
     dead_time_ci95_s: float = column("s", "half its interval")
     time_constant_s: float = column(
@@ -194,9 +250,14 @@ class ValveResponse:
     )
     time_constant_ci95_s: float = column("s", "half its interval")
     rise_s: float = column(
-        "s", "from 10 % to 90 % of the change", "10 to 90\N{NO-BREAK SPACE}%", "10-90 %", milli=True, spread="ci95"
+        "s", "from 10 % to 90 % of the change", "10 to 90\N{NO-BREAK SPACE}%", milli=True, spread="ci95"
     )
     rise_ci95_s: float = column("s", "half its interval")
+    settled_s: float = column("s", "from the step until it settles", "Settled", milli=True, spread="ci95")
+    settled_ci95_s: float = column("s", "half its interval")
+    overshoot: float = column("1", "largest share of the change above 1; 0: no more than noise", "Overshoot", digits=2)
+    overshoot_ci95: float = column("1", "half its interval")
+    dips: int = whole("steps with a dip that recovers", "Dips")
     note: str = words("reason for an empty cell")
 
 
@@ -208,10 +269,26 @@ class ResponsePoint:
     from_A: float = column("A", "current before")
     to_A: float = column("A", "current after")
     direction: str = words("compression or rebound")
+    speed_m_s: float = column("m/s", "mean speed at the steps")
     time_s: float = column("s", "from the step")
     steps: int = whole("steps with a value at this time")
     share: float = column("1", "mean share of the change of force")
     share_sd: float = column("1", "standard deviation between steps")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """A value beside the limit that the rules give it."""
+
+    source: str = words("`measured`, or the simulation", "Force", "force")
+    limit: str = words("the limit's key in the rules", "Limit", "limit")
+    subject: str = words("step, or speed, that the value belongs to", "Of", "of")
+    value: float = column("1", "the value, in the unit of the key", "Value", "value", spread="ci95")
+    value_ci95: float = column("1", "half its 95 % interval")
+    allowed: float = column("1", "the limit: at least for `range_N` and `ratio`, else at most", "Allowed", "allowed")
+    verdict: str = words(
+        "within, outside, undecided (the interval includes the limit) or not known", "Verdict", "verdict"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,10 +320,13 @@ class RecordingFacts:
 class Characteristics(PrintedResult):
     """The tables; `sources` are "measured" and the simulations, in the order of the rows."""
 
+    rules: BenchRules
     sources: tuple[str, ...]
     current_tolerance_A: float
     recordings: tuple[RecordingFacts, ...]
     peak_velocity: tuple[PeakForce, ...]
+    over_current: tuple[CurrentForce, ...]
+    ranges: tuple[ControlRange, ...]
     continuous: tuple[ContinuousForce, ...]
     loops: tuple[LoopPoint, ...]
     work: tuple[CycleWork, ...]
@@ -254,6 +334,7 @@ class Characteristics(PrintedResult):
     response_points: tuple[ResponsePoint, ...]
     steps: tuple[StepResponse, ...]
     speed_bins: tuple[SpeedBin, ...]
+    judged: tuple[Judgement, ...]
     omissions: tuple[Omission, ...]
 
     def to_frame(self, table: str = "peak_velocity") -> Any:
@@ -265,6 +346,8 @@ class Characteristics(PrintedResult):
 
 TABLES: dict[str, type[Any]] = {
     "peak_velocity": PeakForce,
+    "over_current": CurrentForce,
+    "ranges": ControlRange,
     "continuous": ContinuousForce,
     "loops": LoopPoint,
     "work": CycleWork,
@@ -272,14 +355,19 @@ TABLES: dict[str, type[Any]] = {
     "response_points": ResponsePoint,
     "steps": StepResponse,
     "speed_bins": SpeedBin,
+    "judged": Judgement,
     "omissions": Omission,
 }
 
 
 def find_omissions(
-    motions: Sequence[RecordingMotion], cycles: Cycles, steps: Sequence[StepResponse], work: Sequence[CycleWork]
+    motions: Sequence[RecordingMotion],
+    cycles: Cycles,
+    steps: Sequence[StepResponse],
+    tables: Mapping[str, Any],
+    rules: BenchRules,
 ) -> Iterator[Omission]:
-    """Yield why cycles and steps were not used, by recording, which tables are empty, and why cells of `work` are."""
+    """Yield why cycles and steps were not used, which tables and cells are empty, and which target speeds."""
     measured = [step for step in steps if step.source == MEASURED]
     for number, motion in enumerate(motions):
         reasons = np.sort(cycles.reason[cycles.recording == number])
@@ -290,7 +378,10 @@ def find_omissions(
     if all(step.note for step in measured):
         reason = NO_STEPS_READ if steps else NO_STEPS
         yield Omission(subject="response of the valve", recording=ALL, reason=reason)
-    yield from _count("rows of the work per cycle", ALL, [row.note for row in work])
+    yield from _count("rows of the work per cycle", ALL, [row.note for row in tables["work"]])
+    for speed in set(rules.speeds_m_s) - {row.target_m_s for row in tables["peak_velocity"]}:
+        reason = f"no stroke is within {100 * rules.speed_tolerance:g} % of it"
+        yield Omission(subject=f"target speed {speed:g} m/s", recording=ALL, reason=reason)
 
 
 def _count(subject: str, recording: str, reasons: Sequence[str]) -> Iterator[Omission]:

@@ -274,7 +274,7 @@ MISTAKES = (
     (b"? [1, 2]\n: 3\n", ":1: a key is a list or a mapping; expected a name"),
     (b"force: !!python/object/apply:os.system [ls]\n", ":1: not valid YAML: "),
 )
-UNKNOWN_KEY = (b"frequenzy: 1\n", ": unknown key 'frequenzy'; known are ")
+UNKNOWN_KEY = (b"frequenzy: 1\n", ": unknown key 'frequenzy'; expected one of ")
 
 
 @pytest.mark.parametrize("read", READERS)

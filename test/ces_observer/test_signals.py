@@ -112,7 +112,7 @@ def test_other_parameters_of_a_node_are_ignored():
     ("mapping", "told"),
     [
         ({"position": 3}, "signal 'position' is 3; expected a mapping"),
-        ({"position": {"topik": "x"}}, "unknown key 'topik'; known are topic, type, field"),
+        ({"position": {"topik": "x"}}, "unknown key 'topik'; did you mean 'topic'"),
         (
             {"sim_force": {"topic": "x"}},
             "signal 'sim_force': key 'type' is missing; expected a text; set topic, type and field",

@@ -25,7 +25,7 @@ READ = {
 }
 MISTAKES = {
     "damper": [
-        ({"seal": {"coulomb": 3}}, "seal: unknown key 'coulomb'; known are coulomb_N"),
+        ({"seal": {"coulomb": 3}}, "seal: unknown key 'coulomb'; did you mean 'coulomb_N'"),
         ({"reservoir": {"gas_m3": -1e-5}}, r"reservoir: gas_m3 is -1e-05; expected a number from 1e-06 to 0.01 m³"),
         ({"oil": {"density_kg_m3": "thick"}}, "oil: density_kg_m3 is 'thick'; expected a number from 500"),
         ({"oil": {"air_fraction": float("nan")}}, "air_fraction is nan"),
@@ -77,7 +77,7 @@ MISTAKES = {
         ([{"kind": "wave", "duration_s": 1.0}], "parts\\[0\\]: kind is 'wave'"),
     ],
     "actuator": [
-        ({"bandwidth": 3.0}, "x.yaml: actuator: unknown key 'bandwidth'; known are gain"),
+        ({"bandwidth": 3.0}, "x.yaml: actuator: unknown key 'bandwidth'; did you mean 'bandwidth_Hz'"),
         ({"delay_s": -1.0}, "x.yaml: actuator: delay_s is -1.0; expected a number from 0 to 0.2 s"),
         ({"stroke_m": 0.08}, r"actuator: stroke_m is 0\.08; the damper's ends are at ±0\.06 m"),
     ],
@@ -95,7 +95,7 @@ MISTAKES = {
         ("frction", "no effect 'frction' on a live hydraulic damper; expected one of friction,"),
         ("cell_resonance", "no effect 'cell_resonance'"),
         ("foaming", "no effect 'foaming'"),
-        ("friction: {coulomb: 3}", "unknown key 'coulomb'; known are severity, coulomb_N"),
+        ("friction: {coulomb: 3}", "unknown key 'coulomb'; did you mean 'coulomb_N'"),
         ("friction: {severity: -1}", "severity -1.0; expected a number of at least 0"),
         ("friction: {severity: high}", "expected a name, or for example"),
         ("[", "expected a name, or for example"),

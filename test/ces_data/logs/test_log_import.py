@@ -229,7 +229,7 @@ def test_volts_are_a_current_only_with_a_scale(tmp_path):
 @pytest.mark.parametrize(
     ("content", "map_text", "phrase"),
     [
-        ('{"t": 0}\n{"t": 1}\n', MAPPED, "make one list of them: jq -s . log.json > log_list.json"),
+        ('{"t": 0}\n{"t":\n 1}\n', MAPPED, "make one list of several: jq -s . "),
         ("{", MAPPED, "log.json: not a json file: Expecting property name"),
         ("3", MAPPED, "log.json: '' is a int; expected a table"),
         ("[]", MAPPED, "log.json: 'the file' is empty"),
@@ -261,7 +261,7 @@ def test_name_without_the_number_and_other_data(tmp_path):
 @pytest.mark.parametrize(
     ("text", "phrase"),
     [
-        ("tme: {column: t}\n" + SIGNALS, "unknown key 'tme'; known are position, current"),
+        ("tme: {column: t}\n" + SIGNALS, "unknown key 'tme'; did you mean 'time'"),
         (SIGNALS, "give one of 'time' and 'rate'"),
         (MAPPED + "rate: 5\n", "give one of 'time' and 'rate'"),
         (

@@ -135,7 +135,7 @@ def test_what_is_left_out_is_as_in_identify(load):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("seed: [1, 2]", "seeds: [1]", "unknown key 'seeds'; known are bags"),
+        ("seed: [1, 2]", "seeds: [1]", "unknown key 'seeds'; did you mean 'seed'"),
         ("seed: [1, 2]", "seed: [1, 1]", "seed: 1 is given twice"),
         ("seed: [1, 2]", "seed: []", "seed is []"),
         ("seed: [1, 2]", "rate: [auto, fast]", "rate[1] is 'fast'; expected auto or a number"),
@@ -145,9 +145,9 @@ def test_what_is_left_out_is_as_in_identify(load):
         ("seed: [1, 2]", "split: 2", "split is 2; expected a number from 0.05 to 1"),
         ("terms: [2, 4]", "terms: [0]", "structures: polynomial: terms[0] is 0"),
         ("rules.yaml", "none.yaml", "none.yaml: cannot be read: No such file or directory; expected candidate rules"),
-        ("sigmoid: {units: 2}", "spline: {}", "structures: unknown key 'spline'; known are polynomial"),
+        ("sigmoid: {units: 2}", "spline: {}", "structures: unknown key 'spline'; expected one of polynomial"),
         ("sigmoid: {units: 2}", "anfis: {rules: 40x2}", "structures: anfis: rules: "),
-        ("limits: {time: 600}", "limits: {second: 20}", "limits: unknown key 'second'; known are time"),
+        ("limits: {time: 600}", "limits: {second: 20}", "limits: unknown key 'second'; expected one of time"),
         ("one: [one]", "one: []", "bags: one is []; expected a text, or a list of texts"),
         ("one: [one]", "one: [one, one]", "bags: one: 'one' is given twice"),
         ("one: [one]", "a b: [one]", "bags: name 'a b'"),

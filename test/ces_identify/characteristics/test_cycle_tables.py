@@ -162,10 +162,15 @@ def test_names_that_clash_are_refused():
 
 @pytest.mark.slow
 def test_the_packaged_experiment_shows_all_of_it():
-    results = characterise(run(load_experiment(packaged_experiments()["characterise"])))
+    recording = run(load_experiment(packaged_experiments()["characterise"]))
+    results = characterise(recording, rules={"speeds_m_s": [0.131, 0.262, 0.524, 1.047]})
     assert len({round(row.current_A, 2) for row in results.work}) == 4
-    assert len(results.work) == 20
-    assert min(row.cycles for row in results.work) >= 3
+    assert len(results.work) == 16
+    assert min(row.cycles for row in results.work) >= 4
+    assert {row.target_m_s for row in results.ranges} == {0.131, 0.262, 0.524, 1.047}
+    for row in results.over_current:  # the pilot's magnetic loop is 2 x 15 mA wide, at every speed
+        if np.isfinite(row.width_N):
+            assert row.width_N > 5.0 * row.width_ci95_N > 0.0
     assert {(r.change, r.direction) for r in results.responses if r.steps >= 5} == {
-        (change, direction) for change in ("up", "down") for direction in ("compression", "rebound")
+        (change, direction) for change in ("soft to hard", "hard to soft") for direction in ("compression", "rebound")
     }

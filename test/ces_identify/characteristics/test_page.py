@@ -9,8 +9,10 @@ from browser import find_faults
 from dyno_recordings import recording_of, sine_motion, triangle_motion
 
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import MAX_ROWS, choose_rows, format_page, peak_table, write_characteristics
+from ces_identify.characteristics.page import format_page, make_plots, write_characteristics
 from ces_identify.characteristics.rows import TABLES
+from ces_identify.characteristics.tables import MAX_ROWS, choose_rows, peak_table
+from ces_identify.characteristics.workbook import missing_packages, write_figures, write_workbook
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_report.shell import PageHead
 from ces_report.typesetting import format_spread
@@ -36,7 +38,8 @@ def results():
 
 def test_tables_have_documented_columns_in_si_units(results, tmp_path):
     files = write_characteristics(tmp_path / "out", results, PageHead(command="ces characterise dyno"))
-    assert [f.name for f in files] == ["characteristics.html", *(f"{t}.csv" for t in TABLES), "columns.csv"]
+    names = ["characteristics.html", *(f"{table}.csv" for table in TABLES), "columns.csv", "rules.csv"]
+    assert [f.name for f in files][: len(names)] == names
     with (tmp_path / "out/columns.csv").open(encoding="utf-8", newline="") as file:
         described = list(csv.DictReader(file))
     for name, row in TABLES.items():
@@ -52,10 +55,47 @@ def test_tables_have_documented_columns_in_si_units(results, tmp_path):
             assert one["unit"] == UNITS[ending], one
 
 
+def test_the_workbook_has_a_sheet_for_each_table_with_settings_and_sources(results, tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    named = replace(results, recordings=(replace(results.recordings[0], name="=1+1"), *results.recordings[1:]))
+    write_workbook(tmp_path, named, PageHead(command="ces characterise dyno"))
+    book = openpyxl.load_workbook(tmp_path / "characteristics.xlsx")
+    assert book.sheetnames == ["settings", "sources", *TABLES]
+    settings = {row[0]: row[1:3] for row in book["settings"].iter_rows(values_only=True)}
+    assert settings["window"] == ("0.1", "1") and settings["command"][0] == "ces characterise dyno"
+    assert book["sources"]["A3"].value == "=1+1" and book["sources"]["A3"].data_type == "s"  # no formula
+    rule, heads, units, first = book["peak_velocity"].iter_rows(values_only=True, max_row=4)
+    assert rule[0] == results.rules.force_sentence
+    row = dict(zip(heads, first, strict=True))
+    assert (row["force_N"], row["difference_N"]) == (results.peak_velocity[0].force_N, None)
+    assert units[heads.index("force_N")] == "N"
+
+
+def test_figures_have_the_size_and_resolution_of_print(results, tmp_path):
+    image = pytest.importorskip("matplotlib.image")
+    for path in write_figures(tmp_path, make_plots(results)["currents"]):
+        height, width, _ = image.imread(path).shape
+        assert width == 2700 and height > 1000
+
+
+def test_without_the_packages_one_line_says_what_is_missing(results, tmp_path, monkeypatch):
+    monkeypatch.setattr("ces_identify.characteristics.workbook.find_spec", lambda name: None)
+    files = write_characteristics(tmp_path, results, PageHead())
+    assert {file.suffix for file in files} == {".html", ".csv"}
+    assert "openpyxl" in missing_packages() and "ces_observer[workbook]" in missing_packages()
+
+
 def test_the_page_shows_measured_beside_simulated(results):
-    page = format_page(results, PageHead(command="ces characterise dyno --model law"))
+    page = format_page(results, PageHead(command="ces characterise dyno --model law"), make_plots(results))
     assert len(page) < 1_500_000
-    for text in ("peak velocity pick-up", "Work per cycle", "Response of the valve", "law [N]"):
+    for text in (
+        "Force over current",
+        "magnetic hysteresis",
+        "Range and ratio",
+        "Work per cycle",
+        "Response of the valve",
+        "law [N]",
+    ):
         assert text in page
     assert "0.3 A, law" in page
     assert "ces characterise dyno --model law" in page
@@ -97,7 +137,8 @@ def test_the_page_without_cycles_says_so():
     rng = np.random.default_rng(1)
     t = np.arange(0.0, 15.0, 1e-3)
     x = 0.01 * np.convolve(rng.standard_normal(len(t)), np.hanning(200) / 8.0, "same")
-    page = format_page(characterise(recording_of(t, x, 0.5, 1000.0 * np.gradient(x, t), 5.0)), PageHead())
+    results = characterise(recording_of(t, x, 0.5, 1000.0 * np.gradient(x, t), 5.0))
+    page = format_page(results, PageHead(), make_plots(results))
     assert "No cycle repeats at a constant current" in page
     assert "cannot know: the current has no steps" in page
     assert "Work per cycle" not in page

@@ -25,7 +25,7 @@ def stepped(noise_N=5.0, spread=1.0):
 def test_times_of_a_lag_with_a_dead_time():
     results = characterise(stepped())
     kinds = [(r.change, r.direction) for r in results.responses]
-    assert sorted(kinds) == [(c, d) for c in ("down", "up") for d in ("compression", "rebound")]
+    assert sorted(kinds) == [(c, d) for c in ("hard to soft", "soft to hard") for d in ("compression", "rebound")]
     for row in results.responses:
         assert row.steps >= 8
         assert row.time_63_s == pytest.approx(LAG_S + DEAD_S, abs=row.time_63_ci95_s)

@@ -79,7 +79,7 @@ def test_what_is_wrong_is_named(change, message):
 
 
 def test_hats_take_lags_alone_and_names_need_definitions():
-    with pytest.raises(CesError, match="region: unknown key 'powers'; known are lags"):
+    with pytest.raises(CesError, match="region: unknown key 'powers'; expected one of lags"):
         parse_rules({**RULES, "region": {"lags": [0], "powers": [2.0]}}, "rules.yaml")
     with pytest.raises(CesError, match="unknown key 'region'"):
         parse_rules({**RULES, "constructed": {}}, "rules.yaml")

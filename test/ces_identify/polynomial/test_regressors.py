@@ -94,7 +94,7 @@ def test_lags_in_milliseconds_are_the_nearest_ticks_each_once(rate_Hz, lags, bes
         ({"products": [["force", "force"]]}, "expected force once at most"),
         ({"products": [["temperature"]]}, "expected signals among force, speed, current"),
         ({"speed": {"lags": [0], "again": {"lags": [-1]}}}, r"speed: again: lags\[0\] is -1; expected a whole number"),
-        ({"force": {"lags": [1], "again": {"lags": [2]}}}, "force: unknown key 'again'; known are lags"),
+        ({"force": {"lags": [1], "again": {"lags": [2]}}}, "force: unknown key 'again'; expected one of lags"),
         ({"initial": [["speed"]]}, r"initial\[0\]\[0\] is 'speed'; expected a factor such as {signal: speed"),
         ({"initial": [[{"lag": 1}]]}, r"initial\[0\]\[0\]: key 'signal' is missing"),
         ({"initial": [[{"signal": "heat"}]]}, r"initial\[0\]\[0\]: signal is 'heat'; expected one of force, speed"),

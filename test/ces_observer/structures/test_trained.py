@@ -48,7 +48,7 @@ def needles(m):
     ("make", "change", "message"),
     [
         (net, lambda m: m.pop("network"), "key 'network' is missing"),
-        (net, lambda m: m.update(structure="polynomial_narx"), "unknown key 'network'; known are .*terms"),
+        (net, lambda m: m.update(structure="polynomial_narx"), "unknown key 'network'; expected one of .*terms"),
         (net, lambda m: m.update(structure="anfis"), "'fuzzy' is missing|unknown key 'network'"),
         (net, lambda m: m["network"].pop("constant"), "network: key 'constant' is missing"),
         (net, lambda m: m["network"].update(linear=[1.0]), "linear is .*; expected a list of 5 numbers"),
