@@ -68,7 +68,7 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 144.6,
-    "ces_data": 114.9,
+    "ces_data": 115,
     "ces_report": 14,
     "ces_identify": 191.7,
     "ces_rig": 71.9,
