@@ -67,7 +67,7 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 144.6,
+    "ces_observer": 144.5,
     "ces_data": 114.9,
     "ces_report": 14,
     "ces_identify": 191.7,
@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 129.3,
     "ces_cli": 71.6,
     "bench": 72.5,
-    "test": 482.8,
+    "test": 482.7,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
