@@ -31,7 +31,7 @@ from ces_data.signals_file import load_signals
 from ces_identify.comparison import comparison_report
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_model
 from ces_identify.comparison.comparison import Comparison, compare, name_sources
-from ces_identify.comparison.summary import headline, model_table
+from ces_identify.comparison.summary import headline, model_table, pair_table
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError
@@ -117,7 +117,7 @@ def sort_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def _print_comparison(comparison: Comparison) -> None:
     several = [comparison_report.recording_table(comparison)] if len(comparison.recordings) > 1 else []
-    pairs = [comparison_report.pair_table(comparison)] if len(comparison.pairs) <= MAX_PAIRS else []
+    pairs = [pair_table(comparison.pairs)] if len(comparison.pairs) <= MAX_PAIRS else []
     tables: list[Table[Any]] = [model_table(comparison), *several, *pairs]
     for table in tables:
         terminal.print_table(terminal.lay_out(table))

@@ -13,15 +13,14 @@ from pathlib import Path
 
 LOG_FORMATS: Mapping[str, Mapping[str, str]] = {
     "csv": {".csv": "a CSV table", **dict.fromkeys((".txt", ".dat", ".tsv", ".lvm"), "a text table")},
-    "json": {".json": "a JSON file"},
+    "json": dict.fromkeys((".json", ".jsonl", ".ndjson"), "a JSON file"),
     "mat": {".mat": "a MATLAB file"},
     "mdf": {".mf4": "an MDF4 log", ".mdf": "an MDF log", ".mf3": "an MDF log"},
-    "bag": {".bag": "a ROS 1 bag"},
     "can": {".blf": "a CAN log", ".asc": "a CAN log", ".log": "a log", ".trc": "a CAN log"},
     "tdms": {".tdms": "a TDMS file"},
     "parquet": {".parquet": "a Parquet table", ".pq": "a Parquet table"},
 }
-KINDS = {suffix: what for name, suffixes in LOG_FORMATS.items() if name != "bag" for suffix, what in suffixes.items()}
+KINDS = {suffix: what for suffixes in LOG_FORMATS.values() for suffix, what in suffixes.items()}
 
 
 def is_foreign(path: Path) -> bool:

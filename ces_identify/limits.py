@@ -233,6 +233,7 @@ class StepLimits:
     MIN_FORCE_CHANGE = 15.0  # times the noise of the force
     UNSETTLED = 0.05  # of the change of force: drift before the step, and at the end
     MIN_DIP = 0.05  # of the change of force by which it falls back: UNSETTLED; less is no dip
+    VISIBLE = 3.0  # times the noise of the mean response: an overshoot, or the width of what is settled
     MAX_SETTLED_SHARE = 0.5  # of the window: of a lag, 0.2 % of the change is then missing at its end
     MAX_T63_SHARE = 0.3  # of the window: a slower response would not have settled
 

@@ -12,7 +12,6 @@ from ces_cli.schema import build_schema
 from ces_identify.characteristics.rows import TABLES
 from ces_identify.schema_files import ABOUT
 from ces_observer.signals import NAMES
-from ces_report.table import row_fields
 
 Schema = Mapping[str, Any]
 FILES = ("signals", "import", "candidates", "rules", "campaign", "experiment", "iterate")
@@ -59,9 +58,9 @@ def files_page() -> str:
     text.append(table(("key", "meaning, or inner keys"), _gap_rows(json.loads(build_schema("gap")))))
     text.append("## `model.json`\n\nA model (`ces identify`); plain JSON, limited in size, never executed.\n")
     text.append(table(("key", "meaning"), ((code(key), about) for key, about in MODEL)))
-    text.append("## Tables of `ces characterise`\n\n`columns.csv` has unit and meaning of each column.\n")
-    rows = ((code(f"{name}.csv"), first_paragraph(row), codes(row_fields(row))) for name, row in TABLES.items())
-    return "\n".join([*text, table(("file", "a row", "columns"), rows)])
+    text.append("## Tables of `ces characterise`\n\n`columns.csv` beside them has unit and meaning of each column.\n")
+    rows = ((code(f"{name}.csv"), first_paragraph(row)) for name, row in TABLES.items())
+    return "\n".join([*text, table(("file", "a row"), rows)])
 
 
 def _rows(root: Schema, of_signals: bool, told: set[str]) -> Iterator[tuple[str, str, str, str]]:

@@ -53,7 +53,10 @@ FORMATS = {**dict.fromkeys(("ros2msg", "ros1msg"), MessageDefinitionFormat.MSG),
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """A topic in a data file or in the bag's metadata: its number there, definition, encoding, number of messages."""
+    """A topic in a data file or in the bag's metadata: its number there, definition, encoding, number of messages.
+
+    `publishers` is how many were there when it was recorded, 0 if that is not known.
+    """
 
     id: int
     name: str
@@ -61,6 +64,7 @@ class StoredTopic:
     definition: MessageDefinition
     encoding: str
     count: int
+    publishers: int = 0
 
 
 def make_definition(kind: str, text: str) -> MessageDefinition:

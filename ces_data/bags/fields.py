@@ -8,7 +8,7 @@ signal of a damper (images, point clouds, logs, transforms) are passed over.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -23,13 +23,14 @@ from ces_data.bags.clocks import compare_clocks, find_shift
 from ces_data.bags.decode import DAMAGED, HEADER, Block, MessageDecoder, TopicSamples, undecodable
 from ces_data.bags.storage import Bag, Topic, open_bag
 from ces_data.recording import Stamps, Values
-from ces_observer.errors import CesError, RecordingError, SignalsError
+from ces_observer.errors import CesError, RecordingError
 from ces_observer.signals import NAMES_BESIDE, FieldPath, names_beside
 
 MAX_FIELDS = 64  # of one topic
 MAX_ELEMENTS = 32  # of one array
 MAX_SAMPLES = 200_000  # of one topic: 200 s at 1 kHz
 MAX_MESSAGE = 20_000  # bytes; a larger message is an image or the like
+MAX_FIRST = 8  # messages, and messages of different lengths, that say which numbers a topic has
 MAX_LISTED = 20  # fields in an error
 PASSED_OVER = (
     "rcl_interfaces/", "tf2_msgs/", "diagnostic_msgs/", "rosgraph_msgs/", "visualization_msgs/", "nav_msgs/msg/Path",
@@ -88,32 +89,6 @@ def read_fields(path: Path) -> BagFields:
         return BagFields(series, bag.topics, skipped)
 
 
-def read_series(path: Path, fields: Sequence[tuple[str, str]]) -> list[FieldSeries]:
-    """Read the numbers at these topics and fields, all messages; raises RecordingError or SignalsError."""
-    with open_bag(path) as bag:
-        topics = {topic.name.lstrip("/"): topic for topic in bag.topics}
-        samples: dict[str, TopicSamples] = {}
-        for name in {name for name, _ in fields}:
-            topic = topics.get(name.lstrip("/"))
-            if topic is None:
-                present = ", ".join(f"{topic.name} ({topic.type})" for topic in bag.topics)
-                raise RecordingError(f"{path}: no topic '{name}'; the bag has {present}")
-            paths = [FieldPath.parse(text) for at, text in fields if at == name]
-            where = f"{bag.path}: topic {topic.name}"
-            samples[topic.name] = TopicSamples(MessageDecoder(topic.type, paths, bag.typestore(topic), where))
-        for name, block in bag.blocks(samples):
-            samples[name].add(block)
-        series = (s for name, one in samples.items() for s in _list_series(topics[name.lstrip("/")], one))
-        by_field = {(one.topic, one.field): one for one in series}
-        for name, text in fields:
-            topic_name = topics[name.lstrip("/")].name
-            if (topic_name, text) not in by_field:
-                decoder = samples[topic_name].decoder
-                reason = decoder.reasons[[path.text for path in decoder.fields].index(text)]
-                raise SignalsError(f"{path}: topic {name}: {reason or f'field {text!r}: no messages'}")
-        return [by_field[topics[name.lstrip("/")].name, text] for name, text in fields]
-
-
 def format_fields(message: object, typename: str, typestore: Typestore) -> str:
     """Return the field paths of a message's numbers as text, of arrays without joint names the first element's."""
     paths = list(list_numbers(message, typename, typestore, max_elements=1))
@@ -144,13 +119,16 @@ def list_numbers(
 
 
 def _make_decoder(bag: Bag, topic: Topic, block: Block) -> MessageDecoder | str:
-    """Return the decoder of the first 64 numbers in a topic's first message, or why the topic is passed over."""
+    """Return the decoder of the first 64 numbers in a topic's first messages, or why the topic is passed over."""
     if int(block.lengths[0]) > MAX_MESSAGE:
         return f"messages of {int(block.lengths[0])} bytes"
     where = f"{bag.path}: topic {topic.name}"
     try:
         typestore = bag.typestore(topic)
-        numbers = list_numbers(typestore.deserialize_cdr(block.payload(0), topic.type), topic.type, typestore)
+        lengths = np.unique(block.lengths, return_index=True)[1].tolist()  # publishers may name other joints
+        first = dict.fromkeys((*range(min(MAX_FIRST, len(block))), *lengths[:MAX_FIRST]))
+        messages = [typestore.deserialize_cdr(block.payload(i), topic.type) for i in first]
+        numbers = dict.fromkeys(text for message in messages for text in list_numbers(message, topic.type, typestore))
         paths = [FieldPath.parse(text) for text in islice(numbers, MAX_FIELDS)]
     except CesError as error:
         return str(error).removeprefix(f"{bag.path}: ")

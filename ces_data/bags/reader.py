@@ -131,6 +131,7 @@ class _TopicReader(TopicSamples):
 
     def __init__(self, bag: Bag, topic: Topic, signals: list[Signal]) -> None:
         self.topic, self.signals, self.exact_log_times = topic, signals, bag.exact_log_times
+        self.publishers = max(stored.publishers for stored in bag.stored_topics if stored.name == topic.name)
         where = f"{bag.path}: topic {topic.name}"
         fields = [signal.field for signal in signals]
         super().__init__(MessageDecoder(topic.type, fields, bag.typestore(topic), where))
@@ -159,9 +160,13 @@ class _TopicReader(TopicSamples):
                 warnings.warn(f"{signal.name}: {text}", LogTimeWarning, stacklevel=2)
             stamps = (header_ns if stamped else log_ns - shift_ns)[rows] - signal.delay_ns
             numbers = signal.scale * values[rows, i] + signal.offset
+            by_name = any(isinstance(element, str) for _, element in signal.field.steps)
             if signal.name == "position" and is_interleaved(numbers):
                 text = f"every other message on {self.topic.name} goes on another series (two publishers of one topic?)"
                 warnings.warn(f"position: {text}; record one of them", RecordingWarning, stacklevel=2)
+            elif self.publishers > 1 and not by_name:
+                text = f"{self.topic.name} had {self.publishers} publishers when it was recorded, whose samples mix"
+                warnings.warn(f"{signal.name}: {text}; record one of them", RecordingWarning, stacklevel=2)
             channels[signal.name] = Channel(signal.name, signal.unit, stamps, numbers)
         return channels
 

@@ -275,8 +275,8 @@ def _open_reindexed(path: Path, opened: ExitStack) -> Bag | None:
 def _stored_topics(connections: Iterable[Connection]) -> tuple[StoredTopic, ...]:
     topics = []
     for c in connections:
-        encoding = cast(ConnectionExtRosbag2, c.ext).serialization_format
-        topics.append(StoredTopic(c.id, c.topic, c.msgtype, c.msgdef, encoding, c.msgcount))
+        encoding, profiles = cast(ConnectionExtRosbag2, c.ext)
+        topics.append(StoredTopic(c.id, c.topic, c.msgtype, c.msgdef, encoding, c.msgcount, len(profiles)))
     return tuple(topics)
 
 

@@ -299,7 +299,7 @@ class CsvTable(LogTable):
         numpy and float read the same doubles.
         """
         mark, between, width = self.dialect.decimal, self.dialect.delimiter, len(self._columns)
-        if len(self._lines) < SAMPLE or between == " " or any(c.texts is not None for c in self._columns):
+        if len(self._lines) < SAMPLE or between in (" ", mark) or any(c.texts is not None for c in self._columns):
             return None
         part = part.replace(b"\r\n", b"\n").replace(f"{between} ".encode(), between.encode())
         if part.translate(None, PLAIN + f"{mark}{between}".encode()):
@@ -375,10 +375,10 @@ class CsvTable(LogTable):
         where = f"{self.path}:{self._lines[row]}: column {name}"
         if text is None:
             return RecordingError(f"{where} is missing; expected a cell in each line")
-        expected = "a number"
+        expected, other = "a number", "," if self.dialect.decimal == "." else "."
         if csv_cells.is_grouped(text):
             expected = "a number without thousands separators: export it so"
-        elif self.dialect.decimal != "." and csv_cells.is_number(text, "."):
+        elif csv_cells.is_number(text, other):
             expected = f"decimals by '{self.dialect.decimal}' as elsewhere"
         elif DATED.search(text):
             expected = "a number, or a date in a known form (a mapping gives another: date: '%Y-%jT%H:%M:%S.%f')"

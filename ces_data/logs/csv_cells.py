@@ -29,7 +29,9 @@ C_STYLE = re.compile(  # of C and Java: Wed Aug 05 18:57:50.004 GMT+01:00 2026
     r"(?:(?:GMT|UTC)?(?P<zone>[+-]\d\d:?\d\d)? )?(?P<y>\d{4})$"
 )
 MINUTES = re.compile(rf"(?P<minutes>\d{{1,3}}):(?P<second>\d\d){DECIMALS}$")
-FORMS = (CLOCK, MINUTES, GERMAN, NAMED, SLASHED, C_STYLE, ISO)
+DURATION = re.compile(r"(?P<number>-?\d+(?:\.\d+)?(?:e[-+]?\d+)?) ?(?P<of>sec|min|hr)$")  # of MATLAB
+DURATIONS_S = {"sec": 1.0, "min": 60.0, "hr": 3600.0}
+FORMS = (DURATION, CLOCK, MINUTES, GERMAN, NAMED, SLASHED, C_STYLE, ISO)
 NAMES_OF_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec"
 MONTHS = {name: number for number, name in enumerate(NAMES_OF_MONTHS.split(), start=1)}
 MONTHS |= {"mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12}
@@ -61,8 +63,8 @@ def parse_dates(cells: Sequence[str], pattern: str, before: int = 0) -> Stamps:
     """Return the times of cells in nanoseconds since 1970, UTC if they state no zone; times of day count from midnight.
 
     Without a `pattern` (as in `datetime.strptime`) ISO 8601, 31.12.2024 23:59:59.5, 31-Dec-2024 23:59:59.5,
-    12/31/2024 11:59:59.5 PM, 23:59:59.5, 59:59.5 (minutes and seconds) and `0 days 23:59:59.5` are read. Raises
-    ValueError for the first cell that is not a time, with its row after `before` ones as second argument;
+    12/31/2024 11:59:59.5 PM, 23:59:59.5, 59:59.5 (minutes and seconds), `0 days 23:59:59.5` and `0.002 sec` are read.
+    Raises ValueError for the first cell that is not a time, with its row after `before` ones as second argument;
     AmbiguousDateError if it may have two meanings.
     """
     ends = [cell.strip() for cell in (cells[0], cells[-1])] if cells else [""]
@@ -103,6 +105,8 @@ def _find_order(matches: Sequence[re.Match[str]]) -> str:
 
 def _read_parts(part: Mapping[str, str | None], order: str) -> int:
     """Return the time [ns] since 1970, or since midnight without a date; raises ValueError if there is none such."""
+    if number := part.get("number"):
+        return round(float(number) * DURATIONS_S[str(part["of"])] * 1e9)
     hour, minute, second = (int(part.get(key) or 0) for key in ("hour", "minute", "second"))
     if half := part.get("half"):
         if not 1 <= hour <= 12:

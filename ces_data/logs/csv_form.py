@@ -41,6 +41,7 @@ BINARY = {  # by its first bytes: what a file that is no text table is, and what
     b"PK": ("an Excel workbook or a zip archive", "save the sheet as CSV, or unpack it"),
     b"\xd0\xcf": ("an Excel workbook", "save the sheet as CSV"),
     b"\x1f\x8b": ("compressed with gzip", "unpack it"),
+    b"version https://git-lfs": ("a pointer of Git LFS to one", "fetch it: git lfs pull"),
 }
 TEXT = re.compile(rb"[\t\n\r\x20-\xff]*")
 COMMENT_MARKS = ("#", "%", "//")
@@ -71,7 +72,7 @@ class CsvDialect:
 def find_other_unit(text: str) -> str:
     """Return a unit that no signal has, as `%` or `mV/V`, or a sensitivity as `500 N/V`, from a unit or a name."""
     bracketed = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", text)
-    stated = (bracketed.group(1) if bracketed else text).strip()
+    stated = (bracketed.group(1) if bracketed else text.rpartition("_")[2]).strip()
     return stated if stated in {"%", *OTHER_UNITS} or (bracketed and stated.endswith(("/V", "/mV"))) else ""
 
 
@@ -82,7 +83,8 @@ def find_dialect(path: Path, mapping: DynoMapping) -> CsvDialect:
         lines = [line for _, line in zip(range(SAMPLE_LINES), file, strict=False)]
     delimiters = [mapping.delimiter] if mapping.delimiter else list(DELIMITERS)
     decimals = [mapping.decimal] if mapping.decimal else [".", ","]
-    choices = [(d, p) for d in delimiters for p in decimals if d != p]
+    quoted = any('"' in line for line in lines[-LAST_ROWS:])  # where a comma may be both
+    choices = [(d, p) for d in delimiters for p in decimals if d != p or quoted]
     delimiter, decimal = max(choices, key=lambda choice: _fit(lines, *choice)) if len(choices) > 1 else choices[0]
     head, names, units, names_line = find_header(parse_lines(lines, delimiter), mapping.header_lines, decimal)
     if delimiter == " " and names:  # names of several words, with more blanks between them
@@ -116,9 +118,11 @@ def _find_encoding(path: Path) -> str:
     for name, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):  # without a mark, every second is zero
         if head and zeros.count(0) > 0.9 * len(zeros) and head.count(0) < 1.1 * len(zeros):
             return name
-    if b"\0" in head:
-        _refuse_zeros(path, head)
-        kind, remedy = BINARY.get(head[:2], ("binary data", "set format in the mapping if it has another"))
+    known = next((what for begin, what in BINARY.items() if head.startswith(begin)), None)
+    if b"\0" in head or known:
+        if not known:
+            _refuse_zeros(path, head)
+        kind, remedy = known or ("binary data", "set format in the mapping if it has another")
         raise RecordingError(f"{path}: not a text table, but {kind}; {remedy}")
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)
@@ -241,7 +245,7 @@ def _find_first_row(rows: Rows, width: int, decimal: str) -> int | None:
     words = filled - {i for row in wide for i, text in enumerate(row) if text and is_value(text, decimal)}
     blank_first = not any(row[0] for row in texts[-LAST_ROWS:] if row)
     for at, row in enumerate(texts):
-        if blank_first and row and row[0]:  # a line of the header that begins with its name
+        if blank_first and row and row[0] and not is_value(row[0], decimal):  # of the header, as it begins with a name
             continue
         others = [text for i, text in enumerate(row) if i not in words]
         if len(rows[at][1]) < width or not any(is_number(text, decimal) for text in others):

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ces_data.config_file import first_line
 from ces_data.logs.csv_cells import AmbiguousDateError, is_date, parse_dates
 from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, Progress, TimedLog
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
@@ -38,16 +39,23 @@ class TimedValues(NamedTuple):
 
 
 def open_log(path: Path, mapping: DynoMapping, _: Progress) -> LogTable | TimedLog:
-    """Read a JSON file."""
+    """Read a JSON file, or one with a JSON value in each line."""
+    text = path.read_bytes()
     try:
-        return open_tree(path, mapping, json.loads(path.read_bytes()))
+        tree = json.loads(text)
     except json.JSONDecodeError as error:
         if error.msg != "Extra data":
             raise
-        file, list_file = shlex.quote(str(path)), shlex.quote(f"{path.stem}_list.json")
-        raise RecordingError(
-            f"{path}: has several JSON values; make one list of them: jq -s . {file} > {list_file}"
-        ) from None
+        tree = [_read_line(path, *line) for line in enumerate(text.splitlines(), 1) if line[1].strip()]
+    return open_tree(path, mapping, tree)
+
+
+def _read_line(path: Path, number: int, line: bytes) -> Any:
+    try:
+        return json.loads(line)
+    except ValueError as error:
+        remedy = f"expected one in each line; make one list of several: jq -s . {shlex.quote(str(path))} > list.json"
+        raise RecordingError(f"{path}:{number}: not a JSON value ({first_line(error)}); {remedy}") from None
 
 
 def open_tree(path: Path, mapping: DynoMapping, tree: Any) -> LogTable | TimedLog:
@@ -93,11 +101,10 @@ class TreeTable(LogTable):
         try:
             numbers = np.atleast_1d(np.asarray(cells, dtype=np.float64).squeeze())
         except NO_NUMBERS:
-            for row, cell in enumerate(cells if isinstance(cells, list | np.ndarray) else ()):
-                if not isinstance(cell, int | float):
-                    text = f"row {row}: column {key!r} is {cell!r}; expected a number"
-                    raise RecordingError(f"{self.path}: {text}") from None
-            raise RecordingError(f"{self.path}: column {key!r} has a cell that is not a number") from None
+            rows = list(cells) if isinstance(cells, list | np.ndarray) else []
+            bad = next((i for i, cell in enumerate(rows) if not isinstance(cell, int | float)), None)
+            text = f"row {bad}: column {key!r} is {rows[bad]!r}; expected a number" if bad is not None else ""
+            raise RecordingError(f"{self.path}: {text or f'column {key!r} has a cell that is not a number'}") from None
         if numbers.ndim != 1:
             raise RecordingError(f"{self.path}: column {key!r} has shape {numbers.shape}; expected one number a row")
         return numbers
@@ -128,8 +135,9 @@ class TreeTable(LogTable):
         return self._beside(key, "Name")
 
     def unit(self, key: str | int) -> str:
-        """Return the unit that it states, '' if none."""
-        return self._beside(key, "Unit")
+        """Return the unit that it states, or that stands beside the column, '' if none."""
+        beside = _look_up(self.root, str(key).rpartition(".")[0]) if isinstance(self.root, Mapping) else None
+        return self._beside(key, "Unit") or (str(beside.get("unit", "")) if isinstance(beside, Mapping) else "")
 
     def _is_elsewhere(self, key: str) -> bool:
         """Return whether a column may be a path from the file on, and not one in the table."""
@@ -161,7 +169,7 @@ class TreeTable(LogTable):
                 if not _is_complex(value) and np.size(value) == 1 and np.asarray(value).dtype.kind in "iuf":
                     yield name
         elif isinstance(self.root[0], Mapping):
-            yield from map(str, self.root[0])
+            yield from (name for name, _ in _walk(self.root[0]))
 
     def _cells(self, key: str | int) -> Any:
         if isinstance(self.root, Mapping):
@@ -170,7 +178,8 @@ class TreeTable(LogTable):
         if isinstance(key, str) and isinstance(top, Mapping):
             bad = next((row for row, cells in enumerate(self.root) if not isinstance(cells, Mapping)), None)
             if bad is None:
-                return [row.get(key) for row in self.root] if key in top else _follow_route(self.path, top, key)
+                known = key in top or key in dict(_walk(top))
+                return [_look_up(row, key) for row in self.root] if known else _follow_route(self.path, top, key)
         elif not isinstance(top, list | np.ndarray):
             raise RecordingError(f"{self.path}: a list of single values; expected rows, or columns by name")
         elif isinstance(key, str) and key not in self.names and self._is_elsewhere(key):
@@ -220,14 +229,11 @@ class TreeSeries(TimedLog):
             keys = f"{' or '.join(TIME_KEYS)} beside {' or '.join(DATA_KEYS)}"
             raise RecordingError(f"{where} is not a time series; expected a structure with {keys}")
         seconds, values, _ = series
-        if len(seconds) != len(values):
-            raise RecordingError(f"{where} has {len(seconds)} times for {len(values)} values")
-        if not len(seconds):
-            raise RecordingError(f"{where} is empty; expected samples")
-        bad = np.flatnonzero(~(np.abs(seconds) <= MAX_TIME_S))
-        if len(bad):
-            text = f"time {bad[0]} is {seconds[bad[0]]:g}; expected seconds, at most {MAX_TIME_S:g}"
-            raise RecordingError(f"{where}: {text}")
+        if len(seconds) != len(values) or not len(seconds):
+            raise RecordingError(f"{where} has {len(seconds)} times for {len(values)} values; expected one for each")
+        bad = next(iter(np.flatnonzero(~(np.abs(seconds) <= MAX_TIME_S))), None)
+        if bad is not None:
+            raise RecordingError(f"{where}: time {bad} is {seconds[bad]:g}; expected seconds, at most {MAX_TIME_S:g}")
         return series
 
 
@@ -250,15 +256,20 @@ def _follow_route(path: Path, tree: Any, route: str, scalar: bool = False) -> An
     return tree
 
 
+def _look_up(row: Any, key: str) -> Any:
+    """Return a cell of a row by its name, or by the names on the way to it; None if the row has none."""
+    for step in [key] if key in row else key.split("."):
+        row = row.get(step) if isinstance(row, Mapping) else None
+    return row
+
+
 def _take_part(value: Any, index: str, where: str) -> Any:
     """Return `run(2)` of an array of structures, `data{2}` of a cell array, column `z(:,2)`, or item [1]."""
-    numbers = re.findall(r"\d+", index)
-    at = int(numbers[-1]) - (0 if index.startswith("[") else 1)
-    whole = ":" in index
+    first, whole = 0 if index.startswith("[") else 1, ":" in index
+    at = int(re.findall(r"\d+", index)[-1]) - first
     count = np.shape(value)[1] if whole and np.ndim(value) > 1 else len(value)
     if not 0 <= at < count:
-        first, last = (0, count - 1) if index.startswith("[") else (1, count)
-        raise RecordingError(f"{where}: no part {index}; expected {first} to {last} there")
+        raise RecordingError(f"{where}: no part {index}; expected {first} to {count - 1 + first} there")
     return np.asarray(value)[:, at] if whole else value[at]
 
 

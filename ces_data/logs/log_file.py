@@ -33,10 +33,9 @@ REMEDIES = {  # what to do about files that are not read
     ".tdm": "export it as TDMS or CSV (DIAdem)",
     **dict.fromkeys((".dxd", ".d7d", ".dsd"), "export it as CSV, MAT or MDF from DewesoftX"),
     **dict.fromkeys((".h5", ".hdf5", ".hdf"), "only MATLAB's own HDF5 files (.mat) are; write CSV or Parquet"),
-    **dict.fromkeys((".jsonl", ".ndjson"), "write one JSON list of the rows (jq -s . FILE), or CSV"),
 }
 CAN_ASC = re.compile(rb"^\s*(date\s|base\s+(hex|dec)|//\s*version|Begin\s+Trigger)", re.IGNORECASE | re.MULTILINE)
-BAGS = (".mcap", ".db3")
+BAGS = (".mcap", ".db3", ".bag")
 LIBRARIES = {  # optional ones: the package to install, and the extra that has it
     "asammdf": ("asammdf", "mdf"),
     "can": ("python-can", "can"),

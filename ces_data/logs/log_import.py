@@ -283,7 +283,8 @@ def _require_forward(
     usual = float(np.median(forward))
     cut = f"cut it before {place(row + 1)}"
     given = f"give {rate.format(f'{1e9 / usual:.6g}')}, or {cut}" if rate else cut
-    between = np.diff(np.sort(stamps))
+    ordered = np.sort(stamps)
+    between = ordered[1:] - ordered[:-1]
     if _is_even(between, float(np.median(between))):
         remedy = "rows are out of order, and no time is missing; sort the rows by time"
     elif cause := _name_step_back(1e-9 * float(stamps[row] + usual - stamps[row + 1]), 1e-9 * usual):

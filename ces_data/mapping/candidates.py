@@ -122,6 +122,8 @@ def _of_series(log: TimedLog) -> LogCandidates:
 
 def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
     columns, unread = _read_columns(table)
+    if reason := _describe_long(table, columns):
+        raise RecordingError(f"{table.path}: {reason}")
     time = None if rate else find_time(table, columns, unread)
     counted = None if time or rate else next(filter(holds_rate, columns), None)
     if not (time or rate or counted):
@@ -151,9 +153,8 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
                 timed = time is not None or known_rate is not None
                 kept = Candidate(c.label, (c.name,), *values, unit=c.unit, stated=c.stated, timed=timed)
                 candidates.append(replace(kept, contrary=c.contrary))
-    empty = not unread and not any(np.isfinite(c.values).any() for c in columns)
-    if reason := "no column holds numbers" if empty else _describe_long(table, columns):
-        unread[ANY] = reason
+    if not unread and not any(np.isfinite(c.values).any() for c in columns):
+        unread[ANY] = "no column holds numbers"
     for name, reason in table.unread.items():
         unread.update(dict.fromkeys((ANY, *_meanings(name)), reason))
     doubt = ""

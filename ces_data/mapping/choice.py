@@ -287,6 +287,8 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
             reason = NO_STROKE
         if excluded := next(named, None):
             reason = f"'{excluded.candidate.label}' is named like it, but {excluded.excluded}"
+        elif others and others[0].named:
+            reason = f"'{others[0].candidate.label}' may be it, but that is not certain: {others[0].why}"
         return NotFound(signal, reason, others or tuple(ratings))
     best, *others_alike = good
     equal = [r for r in others_alike if best.points - r.points < RatingLimits.SLIGHT]
@@ -301,11 +303,9 @@ def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[st
     unit, text = guess_unit(rating.candidate, rating.signal)
     stated, usual = rating.candidate.unit is not None, unit is not None and unit.text in SI
     guessed = usual and not stated and not rating.candidate.kind and OR in text  # messages of ROS are in SI units
-    doubts = [*checks, *rating.against]
+    doubts = [*checks, *([text] if unit is None or not (stated or usual) else []), *rating.against]
     if contrary := rating.candidate.contrary:
         doubts.append(f"its name says {contrary}, and the file states {unit.text if unit else 'another unit'}")
-    if unit is None or not (stated or usual):
-        doubts.append(text)
     if not rating.named or ALONE in rating.reasons:
         doubts.append(ALONE)
     scale, offset = (unit.scale, unit.offset) if unit else (1.0, 0.0)

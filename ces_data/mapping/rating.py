@@ -104,11 +104,11 @@ class Candidate:
 
 STRONG = {
     "position": "position displacement stroke travel lvdt deflection weg hub elongation extension potentiometer "
-    "linearpot verschiebung",
-    "current": "current currents amp amps ampere amperes curr strom solenoid coil",
-    "force": "force forces load loadcell kraft effort",
+    "linearpot verschiebung déplacement deplacement desplazamiento spostamento deslocamento verplaatsing",
+    "current": "current currents amp amps ampere amperes curr strom solenoid coil courant corriente corrente stroom",
+    "force": "force forces load loadcell kraft effort fuerza forza força kracht",
     "temperature": "temperature temp temperatur",
-    "speed": "velocity speed vel geschwindigkeit",
+    "speed": "velocity speed vel geschwindigkeit vitesse velocidad velocità",
     "acceleration": "acceleration acc accel beschleunigung",
     "time": "time timestamp stamp zeit seconds t tout millis millisec msec micros microsec usec tiempo tijd zaman czas "
     "tempo laptime systime uptime 时间 時間 시간 время",

@@ -119,6 +119,7 @@ def find_time(table: LogTable, columns: Sequence[TableColumn], unread: dict[str,
         finite = c.values[np.isfinite(c.values)]
         words = split_words(c.name)
         named = c.time_unit or c.named_time or "time" in words or (table.breaks and words in TIME_AXES[1:])
+        named = named or words in [(unit,) for unit in UNIT_S]
         if named and len(finite) > 1 and np.ptp(finite) > 0.0:
             return c.as_time()
     if dates or not table.names:

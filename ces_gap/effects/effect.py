@@ -99,6 +99,7 @@ class Effect:
     form: ClassVar[str] = ""
     summary: ClassVar[str] = ""  # the effect in a few words, for the report
     visible: ClassVar[str] = ""  # where and when it shows, in a few words
+    bench: ClassVar[tuple[str, str]] = ("", "")  # table and column of `ces characterise` that the effect changes most
     mistaken_for: ClassVar[tuple[str, ...]] = ()  # effects that look most like it
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation runs again

@@ -19,7 +19,7 @@ from ces_gap.diagnosis import (
     HeldOutSeries,
     calibration_cells,
 )
-from ces_gap.effects.effect import Setting
+from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.refitted import NetworkPart
 from ces_gap.inference.judgement import CALIBRATION, PARAMETERS
 from ces_gap.inputs.probe_result import ProbeFinding
@@ -34,7 +34,8 @@ from ces_gap.report.formatting import (
     region_name,
     sentence_case,
 )
-from ces_report.table import BAR, Column, Table
+from ces_identify.characteristics.rows import TABLES as CHARACTERISTICS
+from ces_report.table import BAR, Column, Table, row_fields
 from ces_report.typesetting import format_number, format_range, minus, three_figures
 
 MAX_ROWS = 6  # effects with a row of their own
@@ -72,7 +73,8 @@ class ParameterText:
 class CauseRow:
     """One effect alone, or one of the other possibilities; numbers that do not apply are None.
 
-    `css` is "named" if the verdict names the effect, or leaves it possible, and "left" for what is no effect.
+    `css` is "named" if the verdict names the effect, or leaves it possible, and "left" for what is no effect; `bench`
+    is where a test bench shows it.
     """
 
     effect: str
@@ -83,6 +85,7 @@ class CauseRow:
     parameters: tuple[ParameterText, ...] = ()
     cause: Explanation | None = None
     percentage: int = 0
+    bench: str = ""
 
     @property
     def unknown(self) -> bool:
@@ -108,7 +111,9 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     Column(
         "Cause",
         lambda r: f"{r.effect} ({r.form})" if r.form else r.effect,
-        html=lambda r: Markup("{}<small>{}</small>").format(r.effect, " · ".join(filter(None, (r.what, r.form)))),
+        html=lambda r: Markup("{}<small>{}</small>").format(
+            r.effect, " · ".join(filter(None, (r.what, r.form, r.bench)))
+        ),
         css="cause",
     ),
     Column(
@@ -188,10 +193,17 @@ def _cause_row(cause: Explanation) -> CauseRow:
         form=join_effect_names(cause.forms) if cause.forms else "",
         css="",
         probability=cause.probability,
+        bench=_find_on_bench(settings[0].effect) if len(settings) == 1 else "",
         parameters=tuple(p for e, s in zip(cause.estimates, settings, strict=True) for p in describe_parameters(e, s)),
         cause=cause,
         percentage=round(100.0 * cause.probability),
     )
+
+
+def _find_on_bench(effect: Effect) -> str:
+    """Return the column of `ces characterise` in which the effect shows, empty if it is no single one."""
+    table, column = effect.bench
+    return f"on a bench: {row_fields(CHARACTERISTICS[table])[column].heading} ({table}.csv)" if table else ""
 
 
 def explained_table(explanations: Sequence[Explanation]) -> Table[CauseRow]:

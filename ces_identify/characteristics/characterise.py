@@ -46,7 +46,7 @@ from ces_identify.characteristics.rows import (
     SpeedBin,
     find_omissions,
 )
-from ces_identify.characteristics.rules import LAST_CYCLE, BenchRules, RulesInput, load_rules
+from ces_identify.characteristics.rules import BRANCHES, LAST_CYCLE, BenchRules, RulesInput, load_rules
 from ces_identify.characteristics.steps import average_steps, group_steps, read_steps
 from ces_identify.limits import BinLimits, DynoLimits
 from ces_identify.numerics.correlation import noise_rms
@@ -81,7 +81,9 @@ def characterise(
         name: list(source) if isinstance(source, Sequence) else [source.force(recording) for recording in given]
         for name, source in (simulations or {}).items()
     }
-    motions = [prepare_motion(r, {name: f[k] for name, f in forces.items()}, bench) for k, r in enumerate(given)]
+    motions = [
+        prepare_motion(r, {name: f[k] for name, f in forces.items()}, bench.gas_force_N) for k, r in enumerate(given)
+    ]
     stretches = [stretch for motion in motions for stretch in motion.stretches]
     if not stretches:
         raise CesError(f"{given[0].name}: no stretch of position and current without a gap is long enough")
@@ -92,7 +94,7 @@ def characterise(
         for stretch in motion.stretches
     ]
     cycles = join_cycles(parts)
-    cycles = replace(cycles, branch=find_branches(cycles, motions, tolerance))
+    cycles = replace(cycles, branch=find_branches(cycles, motions, tolerance, BRANCHES[bench.first_hold]))
     tables = cycle_tables(cycles.select(cycles.used), tolerance, sources, bench)
     read = [step for motion in motions for step in read_steps(motion, sources, tolerance, bench)]
     steps = tuple(step.row for step in read)

@@ -122,9 +122,9 @@ def peak_chart(results: Characteristics, palette: Palette) -> Plot:
             marks.append(PlotLine(name, x, y, css, group=source))
             if source == MEASURED:
                 marks.append(PlotDots(name, x, y, f"{css} spot", source))
-    title, areas = "Force at the peak speed of each cycle", [PlotArea(FORCE, marks, height=330, y_ticks=8)]
-    text = "Mean force at the peak speed of compression (right) and rebound (left), a curve for each current."
-    return Plot("peak-velocity", title, text, "Peak speed [m/s]", areas, width=900.0, free=True, scale=palette.scale)
+    title, areas = "Force over speed at each test point", [PlotArea(FORCE, marks, height=330, y_ticks=8)]
+    text = "Force by the rules in compression (right) and rebound (left), a curve for each current."
+    return Plot("peak-velocity", title, text, SPEED, areas, width=900.0, free=True, scale=palette.scale)
 
 
 def loop_charts(results: Characteristics, palette: Palette, number: int, point: ConditionRow) -> tuple[Plot, Plot]:

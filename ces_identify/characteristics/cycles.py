@@ -101,8 +101,8 @@ def find_cycles(stretch: Stretch, number: int, tolerance_A: float, speed_noise: 
     )
 
 
-def find_branches(cycles: Cycles, motions: Sequence[RecordingMotion], tolerance_A: float) -> I:
-    """Return the branch of each cycle (n,): whether the last other steady current before it was lower or higher."""
+def find_branches(cycles: Cycles, motions: Sequence[RecordingMotion], tolerance_A: float, first: int) -> I:
+    """Return the branch of each cycle (n,), by the last other steady current before it; without one it is `first`."""
     branch = np.zeros(len(cycles.current_A), np.int64)
     for number, stretches in enumerate(motion.stretches for motion in motions):
         own = np.flatnonzero(cycles.recording == number)
@@ -110,7 +110,7 @@ def find_branches(cycles: Cycles, motions: Sequence[RecordingMotion], tolerance_
         if not len(own):
             continue
         time, current = (np.concatenate(parts) for parts in zip(*held, strict=True))
-        state, level, begin = 0, np.nan, 0
+        state, level, begin = first, np.nan, 0
         for index, end in zip(own, np.searchsorted(time, cycles.time_s[own, 0]), strict=True):
             now = cycles.current_A[index]
             before = np.append(level, current[begin:end])
@@ -313,10 +313,12 @@ def _evaluate_half(rise: F, v: F, force: F, sign: float, rules: BenchRules) -> H
         rising[i] = np.interp(wanted, np.maximum.accumulate(v[i, : m + 1]), force[i, : m + 1])
         falling[i] = np.interp(wanted, np.maximum.accumulate(v[i, m:][::-1]), force[i, m:][::-1])
     weights = _weigh_centre(rise, rules.window) if rules.read_at == CENTRE else top / count[:, None]
+    whole = np.isfinite(force).all(axis=1)
     read = (weights * force).sum(axis=1)
-    if rules.value == MAXIMUM and (rules.read_at != CENTRE or rules.window > 0.0):
-        read = sign * np.where(weights > 0.0, sign * force, -np.inf).max(axis=1, initial=-np.inf)
-    read = np.where(np.isfinite(force).all(axis=1), read, np.nan)
+    if rules.value == MAXIMUM and whole.any():  # where the mean stroke is largest: noise hardly raises that
+        inside = np.where((weights > 0.0).mean(axis=0) >= 0.5, sign * force[whole].mean(axis=0), -np.inf)
+        read = force[:, inside.argmax()]
+    read = np.where(whole, read, np.nan)
     return HalfValues(sign * (weights * v).sum(axis=1), read, sign * peak_speed, rising, falling)
 
 

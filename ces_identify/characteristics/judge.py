@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ces_identify.characteristics.motion import MEASURED
 from ces_identify.characteristics.rows import ControlRange, Judgement, ValveResponse
 from ces_identify.characteristics.rules import CharacteristicLimits
 
@@ -41,25 +42,29 @@ OF_RANGES: Mapping[str, JudgedColumn] = {
 def judge(
     limits: CharacteristicLimits, responses: Sequence[ValveResponse], ranges: Sequence[ControlRange]
 ) -> Iterator[Judgement]:
-    """Yield a row for each value of which the rules give a limit."""
-    for row in responses:
-        subject = f"{row.from_A:.3g} to {row.to_A:.3g} A, {row.direction} at {abs(row.speed_m_s):.3g} m/s"
-        yield from _judge_row(limits, OF_STEPS, row, subject)
-    for reach in ranges:
-        yield from _judge_row(limits, OF_RANGES, reach, f"{reach.direction} at {abs(reach.speed_m_s):.3g} m/s")
+    """Yield a row for each value of which the rules give a limit, or one that says that there is no value."""
+    steps = [(row, f"{row.from_A:.3g} to {row.to_A:.3g} A, {row.direction}") for row in responses]
+    reaches = [(reach, reach.direction) for reach in ranges]
+    for rows, columns, nothing in ((steps, OF_STEPS, "no step was read"), (reaches, OF_RANGES, "no two currents")):
+        for name, column in columns.items():
+            allowed = getattr(limits, name)
+            if allowed is not None and not rows:
+                yield Judgement(source=MEASURED, limit=name, subject=nothing, allowed=allowed, verdict=UNKNOWN)
+            elif allowed is not None:
+                for row, subject in rows:
+                    yield _judge_row(row, f"{subject} at {abs(row.speed_m_s):.3g} m/s", name, column, allowed)
 
 
-def _judge_row(
-    limits: CharacteristicLimits, columns: Mapping[str, JudgedColumn], row: Any, subject: str
-) -> Iterator[Judgement]:
-    for name, column in columns.items():
-        allowed = getattr(limits, name)
-        if allowed is not None:
-            value, reach = (column.factor * getattr(row, one) for one in (column.name, column.interval))
-            room = value - allowed if column.at_least else allowed - value
-            known = (WITHIN if room >= 0.0 else OUTSIDE) + NO_INTERVAL * math.isnan(reach)
-            verdict = UNDECIDED if abs(room) < reach else UNKNOWN if math.isnan(value) else known
-            yield Judgement(
-                source=row.source, limit=name, subject=subject, value=value, value_ci95=reach, allowed=allowed,
-                verdict=verdict,
-            )  # fmt: skip
+def _judge_row(row: Any, subject: str, name: str, column: JudgedColumn, allowed: float) -> Judgement:
+    value, reach = (column.factor * getattr(row, one) for one in (column.name, column.interval))
+    room = value - allowed if column.at_least else allowed - abs(value)
+    known = (WITHIN if room >= 0.0 else OUTSIDE) + NO_INTERVAL * math.isnan(reach)
+    return Judgement(
+        source=row.source,
+        limit=name,
+        subject=subject,
+        value=value,
+        value_ci95=reach,
+        allowed=allowed,
+        verdict=UNDECIDED if abs(room) < reach else UNKNOWN if math.isnan(value) else known,
+    )

@@ -1,15 +1,14 @@
 """From a recording to stretches of uniform samples: position, speed without delay, held current, and forces.
 
 The position is low-passed forwards and backwards (2nd-order Butterworth, so 4th order in all and without phase) and
-differentiated by central differences of fourth order. Forces are as logged, but for what the bench's rules ask: a
-low-pass, alike, and a gas force. The bandwidth is the widest at which the
+differentiated by central differences of fourth order. Forces are not filtered. The bandwidth is the widest at which the
 noise of the position makes at most `NOISE_SHARE` of the RMS speed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -18,12 +17,10 @@ from scipy.signal import butter, sosfiltfilt
 from ces_data.arrays import F, I
 from ces_data.recording import Channel, Recording
 from ces_data.samples import remove_spikes, without_spikes
-from ces_identify.characteristics.rules import BenchRules
 from ces_identify.limits import MotionLimits
 from ces_identify.numerics.correlation import noise_rms
 from ces_identify.prepare.sampling import longest_gap_s, sample_rate
 from ces_identify.prepare.series import hold_current, interpolate_force, usable_samples
-from ces_observer.errors import CesError
 
 MEASURED = "measured"
 ROUND_S = 1e-9
@@ -62,14 +59,14 @@ class RecordingMotion:
     stretches: tuple[Stretch, ...]
 
 
-def prepare_motion(recording: Recording, simulated: Mapping[str, F], rules: BenchRules) -> RecordingMotion:
-    """Return a recording's motion; `simulated` are forces [N] at its position samples. Raises CesError."""
+def prepare_motion(recording: Recording, simulated: Mapping[str, F], gas_force_N: float = 0.0) -> RecordingMotion:
+    """Return a recording's motion; `simulated` are forces [N] at its position samples. Raises RecordingError.
+
+    `gas_force_N` is added to every force.
+    """
     recording = without_spikes(recording)
     rate = sample_rate(recording)
     gap_s = longest_gap_s(rate)
-    if rules.force_filter_Hz is not None and rules.force_filter_Hz >= 0.5 * rate:
-        found = f"{recording.name}: force_filter_Hz is {rules.force_filter_Hz:g}"
-        raise CesError(f"{found}; expected less than half the rate of {rate:.4g} Hz")
     grids = _make_grids(recording, rate, gap_s)
     noise_m = noise_rms(np.concatenate([position for _, position in grids])) if grids else 0.0
     bandwidth = choose_bandwidth([position for _, position in grids], rate, noise_m)
@@ -78,9 +75,7 @@ def prepare_motion(recording: Recording, simulated: Mapping[str, F], rules: Benc
     for name, force_N in simulated.items():
         forced[name] = Recording(recording.name, {"force": Channel("force", "N", position.stamps_ns, force_N)})
     start = int(position.stamps_ns.min())
-    stretches = [
-        _correct_forces(_make_stretch(forced, times, x, rate, bandwidth, gap_s, start), rules) for times, x in grids
-    ]
+    stretches = [_make_stretch(forced, times, x, rate, bandwidth, gap_s, start, gas_force_N) for times, x in grids]
     force = recording.channels.get("force")
     return RecordingMotion(
         name=recording.name,
@@ -137,7 +132,14 @@ def _make_grids(recording: Recording, rate: float, gap_s: float) -> list[tuple[I
 
 
 def _make_stretch(
-    forced: Mapping[str, Recording], times: I, position: F, rate: float, bandwidth: float, gap_s: float, start_ns: int
+    forced: Mapping[str, Recording],
+    times: I,
+    position: F,
+    rate: float,
+    bandwidth: float,
+    gap_s: float,
+    start_ns: int,
+    gas_force_N: float,
 ) -> Stretch:
     recording = forced[MEASURED]
     smooth, speed = differentiate(position, rate, bandwidth)
@@ -149,21 +151,8 @@ def _make_stretch(
         speed=speed,
         current=hold_current(recording, times, MotionLimits.MAX_CURRENT_AGE_S),
         current_s=np.empty(0) if logged is None else _seconds(np.sort(logged.stamps_ns), start_ns),
-        forces={source: interpolate_force(given, times, gap_s) for source, given in forced.items()},
+        forces={source: interpolate_force(given, times, gap_s) + gas_force_N for source, given in forced.items()},
     )
-
-
-def _correct_forces(stretch: Stretch, rules: BenchRules) -> Stretch:
-    """Return the stretch with all forces filtered and with the gas force, as the rules ask."""
-    cutoff, forces = rules.force_filter_Hz, dict(stretch.forces)
-    if cutoff is not None:
-        sos = butter(2, cutoff, fs=stretch.rate_Hz, output="sos")
-        for force in forces.values():
-            ends = np.flatnonzero(np.diff(np.isfinite(force), prepend=False, append=False))
-            for a, b in zip(ends[::2], ends[1::2], strict=True):  # NaN would spread
-                pad = min(int(b - a) - 1, round(3.0 * stretch.rate_Hz / cutoff))
-                force[a:b] = sosfiltfilt(sos, force[a:b], padlen=pad)
-    return replace(stretch, forces={source: force + rules.gas_force_N for source, force in forces.items()})
 
 
 def _seconds(stamps_ns: I, start_ns: int) -> F:

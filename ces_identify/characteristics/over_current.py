@@ -18,10 +18,10 @@ from ces_identify.characteristics.conditions import SourceValues, mean, with_sd
 from ces_identify.characteristics.cycles import COMPRESSION, DIRECTIONS
 from ces_identify.characteristics.motion import MEASURED
 from ces_identify.characteristics.rows import ControlRange, CurrentForce
+from ces_identify.characteristics.rules import BRANCHES
 from ces_identify.limits import DynoLimits, ErrorLimits
 
 SOFT_RESISTS_NOT = "no resistance at the softest current: no ratio (gas force or offset?)"
-RAISED, LOWERED = 1, -1  # branches of Cycles
 Key = tuple[str, str, float, float]
 
 
@@ -97,7 +97,9 @@ def _make_row(own: Sequence[SourceValues], direction: str, shared: dict[str, Any
         np.concatenate(parts) for parts in zip(*(v.forces(direction) for v in own), strict=True)
     )
     branch = np.concatenate([one.cycles.branch[one.chosen] for one in own])
-    raised, lowered = (force[(branch == which) & np.isfinite(force)] for which in (RAISED, LOWERED))
+    raised, lowered = (
+        force[(branch == which) & np.isfinite(force)] for which in (BRANCHES["raised"], BRANCHES["lowered"])
+    )
     sign = 1.0 if direction == COMPRESSION else -1.0
     return CurrentForce(
         **{name: own[0].key[name] for name in ("source", "current_A", "current_width_A")},

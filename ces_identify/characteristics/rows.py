@@ -45,7 +45,7 @@ class ConditionRow:
 
 @dataclass(frozen=True, kw_only=True)
 class PeakForce(ConditionRow):
-    """The force of a stroke, by the rules of the bench; by default at its peak speed (peak velocity pick-up)."""
+    """The force of a stroke by the rules; by default at its peak speed (peak velocity pick-up)."""
 
     direction: str = words("compression or rebound", "Direction")
     target_m_s: float = column("m/s", "target speed that this one is within the tolerance of", "Target")
@@ -60,7 +60,7 @@ class PeakForce(ConditionRow):
 
 @dataclass(frozen=True, kw_only=True)
 class CurrentForce(ConditionRow):
-    """Force over current at a speed: the branches of raised and lowered currents, and what is between them."""
+    """Force over current at a speed: branches of raised and lowered currents, hysteresis, linearity."""
 
     direction: str = words("compression or rebound", "Direction")
     target_m_s: float = column("m/s", "target speed")
@@ -82,7 +82,7 @@ class CurrentForce(ConditionRow):
 
 @dataclass(frozen=True, kw_only=True)
 class ControlRange:
-    """What the valve can do at a speed: force at the softest and the hardest current, range, ratio."""
+    """Range and ratio of the force at a speed, from the softest to the hardest current."""
 
     source: str = words("`measured`, or the simulation", "Force", "force")
     direction: str = words("compression or rebound", "Direction")
@@ -220,7 +220,7 @@ class StepResponse:
 
 @dataclass(frozen=True, kw_only=True)
 class ValveResponse:
-    """Mean response to steps of one kind; `..._ci95_s` is half the 95 % interval, with the sampling of the current."""
+    """Mean response to steps of one kind; `..._ci95` is half the 95 % interval, with the sampling of the current."""
 
     source: str = words("`measured`, or the simulation", "Force", "force")
     from_A: float = column("A", "current before", "From", "from", digits=2)
@@ -285,7 +285,7 @@ class Judgement:
     subject: str = words("step, or speed, that the value belongs to", "Of", "of")
     value: float = column("1", "the value, in the unit of the key", "Value", "value", spread="ci95")
     value_ci95: float = column("1", "half its 95 % interval")
-    allowed: float = column("1", "the limit: at least for `range_N` and `ratio`, else at most", "Limit is", "allowed")
+    allowed: float = column("1", "the limit: at least for `range_N` and `ratio`, else at most", "Allowed", "allowed")
     verdict: str = words(
         "within, outside, undecided (the interval includes the limit) or not known", "Verdict", "verdict"
     )

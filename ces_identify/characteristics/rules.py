@@ -17,6 +17,7 @@ from ces_observer.errors import CesError
 from ces_observer.records import choice, part, quantity, read_record, walk_record
 
 ALL_CYCLES, LAST_CYCLE = "all", "last"
+BRANCHES = {"unknown": 0, "raised": 1, "lowered": -1}  # of a hold of the current, by the current before it
 PEAK_SPEED, CENTRE = "peak_speed", "centre"
 MEAN, MAXIMUM = "mean", "maximum"
 WHAT = "rules of a bench; 'ces schema rules' lists the keys"
@@ -35,14 +36,14 @@ def _at_least(unit: str, meaning: str) -> Any:
 class CharacteristicLimits:
     """Limits that the tables are judged by; one that is not given is not judged."""
 
-    t63_ms: float | None = _at_most("ms", "63.2 % of the change of force")
-    t90_ms: float | None = _at_most("ms", "90 % of the change of force")
-    rise_ms: float | None = _at_most("ms", "from 10 % to 90 % of the change of force")
+    t63_ms: float | None = _at_most("ms", "time to 63.2 %")
+    t90_ms: float | None = _at_most("ms", "time to 90 %")
+    rise_ms: float | None = _at_most("ms", "10 to 90 %")
     settled_ms: float | None = _at_most("ms", "time to settle")
-    overshoot: float | None = _at_most("1", "overshoot as a share of the change of force")
+    overshoot: float | None = _at_most("1", "share of the change")
     hysteresis_N: float | None = _at_most("N", "magnetic hysteresis")
-    range_N: float | None = _at_least("N", "range from soft to hard")
-    ratio: float | None = _at_least("1", "ratio of hard to soft")
+    range_N: float | None = _at_least("N", "hard minus soft")
+    ratio: float | None = _at_least("1", "hard over soft")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,30 +51,22 @@ class BenchRules:
     """The rules of a bench."""
 
     cycles: str = choice(
-        ALL_CYCLES, "the force is the mean of all full cycles, or the last one of each hold", (ALL_CYCLES, LAST_CYCLE)
+        ALL_CYCLES, "full cycles that the force is read from: all, or the last of each hold", (ALL_CYCLES, LAST_CYCLE)
     )
     read_at: str = choice(
         PEAK_SPEED,
-        f"where a stroke is read: at {DynoLimits.PEAK_SHARE:.0%} of its peak speed or more, or about its centre",
+        f"near the peak speed ({100 * DynoLimits.PEAK_SHARE:g} % or more), or about the centre of the stroke",
         (PEAK_SPEED, CENTRE),
     )
-    window: float = quantity(
-        0.1, "1", "of the whole stroke, about its centre; 0: where it crosses the centre", 0.0, 1.0
-    )
-    value: str = choice(MEAN, "what of the window; noise raises a maximum", (MEAN, MAXIMUM))
-    speeds_m_s: tuple[float, ...] = quantity(
-        (), "m/s", "target speeds; none: all that were run", 0.0, 100.0, above=True
-    )
+    window: float = quantity(0.1, "1", "share of the whole stroke about its centre; 0: where it crosses it", 0.0, 1.0)
+    value: str = choice(MEAN, "mean there, or at the instant of the largest mean", (MEAN, MAXIMUM))
+    speeds_m_s: tuple[float, ...] = quantity((), "m/s", "target speeds; none: all", 0.0, 100.0, above=True)
     speed_tolerance: float = quantity(0.05, "1", "relative difference from a target speed", 0.0, 0.5, above=True)
-    gas_force_N: float = quantity(0.0, "N", "added to every force, negative to take it off; raw_N is without it")
-    force_filter_Hz: float | None = quantity(
-        None, "Hz", "low-pass of every force, 2nd-order Butterworth forwards and backwards", 1.0, 1e5
-    )
-    step_start: float = quantity(0.1, "1", "share of the change of current from which the times count", 0.01, 0.9)
-    settled_share: float = quantity(0.02, "1", "of the change of force: how near is settled", 1e-3, 0.2)
-    settled_for_ms: float = quantity(
-        10.0, "ms", "for how long it is near; as long it must stay beyond 63 or 90 %", 0.0, 50.0
-    )
+    gas_force_N: float = quantity(0.0, "N", "added to every force (raw_N is without it)")
+    first_hold: str = choice("unknown", "how the current reached the first hold of a recording", tuple(BRANCHES))
+    step_start: float = quantity(0.1, "1", "share of the change of current from which times count", 0.01, 0.9)
+    settled_share: float = quantity(0.02, "1", "of the change of force, within which it is settled", 1e-3, 0.2)
+    settled_for_ms: float = quantity(10.0, "ms", "time that it stays settled, or beyond 63 and 90 %", 0.0, 50.0)
     limit: CharacteristicLimits = part(default=CharacteristicLimits(), meaning="limits to judge by")
 
     @property
@@ -84,20 +77,19 @@ class BenchRules:
             where = f"within {100 * self.window:g} % of the stroke about its centre"
             where = where if self.window else "where the stroke crosses its centre"
         which = "all full cycles" if self.cycles == ALL_CYCLES else "the last full cycle of each hold"
-        what = "Mean" if self.value == MEAN else "Largest"
-        return f"{what} force of {which} {where}{self._corrections}."
+        what = "Mean force" if self.value == MEAN else "Largest force (where it is largest in the mean cycle)"
+        return f"{what} of {which} {where}{self._gas}."
 
     @property
     def step_sentence(self) -> str:
         """How steps of the current are read."""
         start = f"Times from {100 * self.step_start:g} % of the change of the current"
         near = f"settled: within {100 * self.settled_share:g} % of the change for {self.settled_for_ms:g} ms"
-        return f"{start}; {near}{self._corrections}."
+        return f"{start}; {near}{self._gas}."
 
     @property
-    def _corrections(self) -> str:
-        gas = f"; gas force of {self.gas_force_N:+g} N added" if self.gas_force_N else ""
-        return gas + (f"; force behind a low-pass of {self.force_filter_Hz:g} Hz" if self.force_filter_Hz else "")
+    def _gas(self) -> str:
+        return f"; gas force of {self.gas_force_N:+g} N added" if self.gas_force_N else ""
 
 
 def load_rules(rules: RulesInput) -> BenchRules:

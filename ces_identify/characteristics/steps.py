@@ -28,15 +28,14 @@ from ces_identify.characteristics.rows import ResponsePoint, StepResponse, Valve
 from ces_identify.characteristics.rules import BenchRules
 from ces_identify.limits import DynoLimits, ErrorLimits, StepLimits, TickLimits
 
-TRACE_S = np.round(np.arange(-0.020, 0.1001, 0.0005), 4)  # [s] from the step, where the mean response is shown
-FAILS_AFTER_DIP = "the step fails: the force dips and recovers, it does not change"
+TRACE_STEP_S = 0.0005
+TRACE_S = np.round(np.arange(-0.020, 0.1001, TRACE_STEP_S), 4)  # [s] from the step, where the mean response is shown
+NO_STEP, DIP = "the force does not follow", "it dips and recovers"
 NOT_SEEN = "no force from this source around the step"
 SINCE_STEP = ("time_63_s", "time_90_s", "dead_time_s")
 TIMES = (*SINCE_STEP, "time_constant_s", "rise_s")
 HARDER, SOFTER = "soft to hard", "hard to soft"
 SMOOTH_POINTS = 11  # of the mean response, 5.5 ms, through which a parabola goes
-SMOOTH_GAIN = 0.6  # of that parabola for white noise at 1 kHz: the square root of 9 / 4 over 5.5 samples, rounded down
-BEYOND = 3.0  # times the noise of the mean response: what it does not explain
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,8 @@ class CurrentStep:
 class ReadStep:
     """A row of the table of steps and the normalised force at TRACE_S, NaN after a change; None if it was not read.
 
-    `noise` is the RMS of the noise of the force as a share of its change; `lasts_s` is how long it is read.
+    `noise` is the RMS of the noise, as a share of the change, behind a parabola through SMOOTH_POINTS of the trace;
+    `lasts_s` is how long the step is read.
     """
 
     row: StepResponse
@@ -126,8 +126,8 @@ def _read_response(y: F, t: F, at: int, speed: float, noise_N: float, stay_ms: f
     least = StepLimits.MIN_FORCE_CHANGE * noise_N
     if abs(change) < least:
         if np.abs(median_filter(y[at:], 3) - before).max() >= least:
-            return FAILS_AFTER_DIP
-        return f"the step fails: the force changes by less than {StepLimits.MIN_FORCE_CHANGE:g} times its noise"
+            return f"{NO_STEP}: {DIP}"
+        return f"{NO_STEP}: it changes by less than {StepLimits.MIN_FORCE_CHANGE:g} times its noise"
     if max(abs(_drift(y[:at])), abs(_drift(y[-last:]))) > StepLimits.UNSETTLED * abs(change):
         return "the force is not steady before the step, or has not settled before the speed or the current changes"
     share = (y - before) / change
@@ -153,7 +153,9 @@ def _read_response(y: F, t: F, at: int, speed: float, noise_N: float, stay_ms: f
         time_constant_s=constant,
         rise_s=t90 - t10,
     )
-    return ReadStep(row, np.asarray(np.interp(TRACE_S, t, share, right=np.nan)), noise, float(t[-1]))
+    samples = max(SMOOTH_POINTS * TRACE_STEP_S / float(t[1] - t[0]), 2.25)  # for one value, as without a parabola
+    smoothed = noise * float(np.sqrt(2.25 / samples))
+    return ReadStep(row, np.asarray(np.interp(TRACE_S, t, share, right=np.nan)), smoothed, float(t[-1]))
 
 
 def _plateau_pairs(stretch: Stretch, tolerance_A: float) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
@@ -188,7 +190,7 @@ def _locate_step(stretch: Stretch, at: int, level_A: float) -> tuple[float, floa
     if interval > TickLimits.MIN_GAP_S:
         return float(near[k]), grid
     whole = abs(float(np.ptp(values)))
-    share = 0.5 if abs(jump) > 0.5 * whole else float((level_A - values[k - 1]) / jump)
+    share = 0.5 if abs(jump) > 0.5 * whole or not jump else float((level_A - values[k - 1]) / jump)
     return float(near[k - 1]) + np.clip(share, 0.0, 1.0) * interval, 0.5 * interval
 
 
@@ -206,7 +208,7 @@ def _find_reached(t: F, y: F, share: float, stay_s: float, noise: float, margin:
     if not len(stays):
         return np.inf
     first = int(stays[0])
-    clear = y[first : first + window] >= share + BEYOND * noise
+    clear = y[first : first + window] >= share + StepLimits.VISIBLE * noise
     end = first + int(clear.argmax()) if clear.any() else first + window
     below = np.flatnonzero(y[first:end] < share)  # noise about the share: the middle of both crossings
     last = first if not len(below) else min(first + int(below[-1]) + 1, len(y) - 1)
@@ -283,7 +285,7 @@ def _read_end(traces: F, noise: float, doubt_s: float, lasts_s: float, rules: Be
     what is read is not known: the end is not settled enough to measure it by.
     """
     count = len(traces)
-    left = noise * SMOOTH_GAIN / np.sqrt(count)
+    left = noise / np.sqrt(count)
     overshoot, settled = _overshoot_and_settling(traces.mean(axis=0), left, rules)
     settled = settled if settled <= StepLimits.MAX_SETTLED_SHARE * lasts_s else np.nan
     columns = {"overshoot": overshoot, "settled_s": settled}
@@ -305,11 +307,11 @@ def _overshoot_and_settling(trace: F, noise: float, rules: BenchRules) -> tuple[
         return np.nan, np.nan
     y = savgol_filter(y, SMOOTH_POINTS, 2)
     above = float(y.max() - 1.0)
-    overshoot = above if above > BEYOND * noise else 0.0
-    stay = max(round(1e-3 * rules.settled_for_ms / (TRACE_S[1] - TRACE_S[0])), 1)
+    overshoot = above if above > StepLimits.VISIBLE * noise else 0.0
+    stay = max(round(1e-3 * rules.settled_for_ms / TRACE_STEP_S), 1)
     near = np.abs(y - 1.0) <= rules.settled_share
     run = np.convolve(near, np.ones(stay), "valid") == stay
-    if BEYOND * noise > rules.settled_share or not run.any():
+    if StepLimits.VISIBLE * noise > rules.settled_share or not run.any():
         return overshoot, np.nan
     k = int(run.argmax())
     edge = 1.0 + np.copysign(rules.settled_share, y[max(k - 1, 0)] - 1.0)

@@ -18,10 +18,9 @@ from ces_identify.comparison.compared_models import TRAINED, AlignedRecording, D
 from ces_identify.comparison.comparison import Comparison, RecordingCost
 from ces_identify.comparison.summary import (
     describe_difference,
-    describe_interval,
-    format_signed,
     headline,
     model_table,
+    pair_table,
     swatch,
 )
 from ces_identify.limits import TickLimits
@@ -65,39 +64,6 @@ def recording_table(comparison: Comparison) -> Table[tuple[int, int]]:
     ]
     rows = [(n, i) for n in range(len(recordings)) for i in range(len(models))]
     return Table(columns, rows, "each recording", group=lambda row: row[0])
-
-
-def pair_table(comparison: Comparison) -> Table[PairResult]:
-    """Return a row for each pair of models with the difference of their costs."""
-    models = comparison.models
-
-    def sort_value(value: float | None) -> object:
-        return "" if value is None or math.isnan(value) else value
-
-    def probability(pair: PairResult) -> str:
-        return NONE if pair.p_value is None else "< 0.001" if pair.p_value < 0.001 else f"{pair.p_value:.3f}"
-
-    def verdict(pair: PairResult) -> str:
-        return pair.verdict if pair.better is None else f"{models[pair.better].name} is better"
-
-    columns: list[Column[PairResult]] = [
-        Column("First", lambda p: models[p.first].name, short="first"),
-        Column("Second", lambda p: models[p.second].name, short="second"),
-        Column("On", lambda p: join_with(p.pooled.recordings), page_only=True),
-        Column(
-            "First − second, J [%]",
-            lambda p: format_signed(p.pooled.value),
-            figure=True,
-            short="J %",
-            value=lambda p: sort_value(p.pooled.value),
-            small=lambda p: describe_interval(p.pooled),
-        ),
-        Column("p", probability, figure=True, value=lambda p: sort_value(p.p_value)),
-        Column("Verdict", verdict, short="verdict"),
-    ]
-    if len({pair.pooled.recordings for pair in comparison.pairs}) == 1:
-        del columns[2]
-    return Table(columns, comparison.pairs, "differences of J, first minus second")
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
@@ -184,7 +150,7 @@ def comparison_page(comparison: Comparison, head: PageHead) -> str:
         pooled_over=join_with(tests) if tests else "",
         costs=model_table(comparison),
         each=recording_table(comparison),
-        pairs=pair_table(comparison),
+        pairs=pair_table(comparison.pairs),
         forest=_draw_differences(comparison) if all_pairs else _draw_above_lowest(comparison),
         all_pairs=all_pairs,
         best=models[comparison.best].name,
@@ -211,7 +177,7 @@ def _draw_differences(comparison: Comparison) -> Markup:
     """Return a row for each pair and, below it, one for each recording if there are several."""
     rows = []
     for pair in comparison.pairs:
-        name = f"{comparison.models[pair.first].name} − {comparison.models[pair.second].name}"
+        name = " − ".join(pair.names)
         rows.append(_row(name, pair.pooled, "outline", starts=True))
         for n, difference in enumerate(pair.each if len(comparison.recordings) > 1 else ()):
             trained = any(comparison.models[i].costs[n].use == TRAINED for i in (pair.first, pair.second))

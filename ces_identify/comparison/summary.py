@@ -103,21 +103,41 @@ def _(comparison: Comparison) -> tuple[Sequence[str], Table[int]]:
     )
 
 
-@summarize_result.register
-def _(pairs: Pairs) -> tuple[Sequence[str], Table[PairResult]]:
+def pair_table(pairs: Sequence[PairResult]) -> Table[PairResult]:
+    """Return a row for each pair of models with the difference of their costs."""
+
+    def sort_value(value: float | None) -> object:
+        return "" if value is None or math.isnan(value) else value
+
+    def probability(pair: PairResult) -> str:
+        return NONE if pair.p_value is None else "< 0.001" if pair.p_value < 0.001 else f"{pair.p_value:.3f}"
+
+    def verdict(pair: PairResult) -> str:
+        return pair.verdict if pair.better is None else f"{pair.names[pair.better == pair.second]} is better"
+
     columns: list[Column[PairResult]] = [
         Column("First", lambda p: p.names[0], short="first"),
         Column("Second", lambda p: p.names[1], short="second"),
+        Column("On", lambda p: join_with(p.pooled.recordings), page_only=True),
         Column(
-            "Difference of J [%]",
-            lambda p: format_signed(p.pooled.value) if math.isfinite(p.pooled.value) else DIVERGED,
+            "First − second, J [%]",
+            lambda p: format_signed(p.pooled.value),
             figure=True,
-            short="J first - second, %",
+            short="J %",
+            value=lambda p: sort_value(p.pooled.value),
+            small=lambda p: describe_interval(p.pooled),
         ),
-        Column("95 % interval [%]", lambda p: describe_interval(p.pooled), figure=True, short="95 %"),
-        Column("Verdict", lambda p: p.text, short="verdict"),
+        Column("p", probability, figure=True, value=lambda p: sort_value(p.p_value)),
+        Column("Verdict", verdict, short="verdict"),
     ]
-    return [], Table(columns, pairs)
+    if len({pair.pooled.recordings for pair in pairs}) == 1:
+        del columns[2]
+    return Table(columns, pairs, "differences of J, first minus second")
+
+
+@summarize_result.register
+def _(pairs: Pairs) -> tuple[Sequence[str], Table[PairResult]]:
+    return [], pair_table(pairs)
 
 
 def swatch(comparison: Comparison, i: int) -> Markup:

@@ -132,19 +132,22 @@ def _is_several(X: Any) -> bool:
 
 def _as_recordings(X: Any, y: ArrayLike | None = None, needs_force: bool = True) -> Sequence[Logged]:
     """Return the recordings in X, or the one in its rows with the forces y. Raises CesError."""
+    if hasattr(X, "toarray"):
+        raise DataError("X is sparse; expected an array (n, 3), or a list of recordings")
     if is_table(X) and y is not None:
         X = X.assign(force_N=y) if is_frame(X) else {**X, "force_N": y}
     if _is_one(X) or _is_several(X):
         return as_recordings(list(X) if _is_several(X) else X, need=SIGNALS if needs_force else SIGNALS[:2])
-    if hasattr(X, "toarray"):
-        raise DataError("X is sparse; expected an array (n, 3), or a list of recordings")
+    if np.iscomplexobj(X):
+        raise DataError("Complex data not supported: X and y are real")
     rows, forces = np.asarray(X, dtype=np.float64), None if y is None else np.asarray(y, dtype=np.float64)
     if needs_force and forces is None:
-        raise DataError("y is missing (y=None); expected the measured forces [N], (n,)")
+        raise DataError("a fit requires y to be passed, but the target y is None: the measured forces [N], (n,)")
     if not np.isfinite(rows).all() or (forces is not None and not np.isfinite(forces).all()):
         raise DataError("X or y holds NaN or infinity; expected numbers")
-    if rows.ndim != 2 or rows.shape[1] != len(COLUMNS):
-        raise DataError(f"X has shape {rows.shape}; expected (n, 3): {', '.join(COLUMNS)}; or a list of recordings")
+    if rows.ndim != 2 or rows.shape[1] != len(COLUMNS) or not len(rows):
+        sizes = "n_samples = {}, n_features = {}".format(*rows.shape) if rows.ndim == 2 else f"shape {rows.shape}"
+        raise DataError(f"X has {sizes}; expected (n, 3): {', '.join(COLUMNS)}; or a list of recordings")
     if forces is not None and forces.shape != rows.shape[:1]:
         raise DataError(f"y has shape {forces.shape}; expected {rows.shape[:1]}, a force for each row of X")
     return [Recording.from_arrays(rows[:, 0], rows[:, 1], rows[:, 2], forces)]

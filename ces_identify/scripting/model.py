@@ -40,6 +40,7 @@ from ces_identify.report.page import write_report
 from ces_identify.report.steady import CURVE_SPEEDS, recorded_currents, steady_forces
 from ces_identify.scripting.progress import Progress
 from ces_identify.scripting.recording import Recording
+from ces_identify.scripting.search_results import SearchResults
 from ces_identify.simulations.prediction import predict_series
 from ces_identify.simulations.simulate import is_outside, sample_run, simulate_series
 from ces_identify.structures import model_section
@@ -55,7 +56,7 @@ from ces_observer.errors import CesError
 from ces_observer.records import in_files
 from ces_observer.structures.polynomial import Polynomial
 from ces_report.shell import PageHead
-from ces_report.table import PrintedResults, Table, summarize_result, text_table
+from ces_report.table import Table
 from ces_report.typesetting import format_alike
 
 MAX_STEPS = 100_000  # ticks ahead
@@ -66,27 +67,6 @@ SHOWN = (
     "band", "certificate", "envelope", "evaluations", "force_speed", "load", "plot", "predict", "provenance", "report",
     "sampling", "save", "search_results", "simulate", "size", "structure", "to_frame", "validate", "warm_up_s",
 )  # fmt: skip  # what docs/api.md says, and plain facts; the rest is the runtime's
-
-
-class SearchResults(PrintedResults[SearchResult]):
-    """The starts of a search, the best first."""
-
-    def to_frame(self) -> Any:
-        """Return them as a DataFrame: seed, size of the model, cost on the selection data [%], trials, and the end."""
-        columns = ["seed", "size", "selection_J_percent", "trials", "ended"]
-        return import_pandas().DataFrame(map(_start_facts, self), columns=columns)
-
-
-def _start_facts(start: SearchResult) -> tuple[int, int, float, int, str]:
-    return start.seed, len(start.chosen), start.cost, start.trials, start.ended
-
-
-@summarize_result.register
-def _(starts: SearchResults) -> tuple[Sequence[str], Table[Sequence[str]]]:
-    rows = [
-        (str(n), str(size), f"{J:.2f}", str(trials), ended) for n, size, J, trials, ended in map(_start_facts, starts)
-    ]
-    return [] if rows else ["no search"], text_table(["seed", "size", "selection J %", "trials", "ended"], rows, left=0)
 
 
 @dataclass(frozen=True, repr=False)

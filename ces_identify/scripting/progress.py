@@ -30,7 +30,7 @@ def show_progress(given: ProgressInput) -> Iterator[Progress]:
         yield lambda step, share: None
     else:
         newest, ended = [""], threading.Event()
-        thread = threading.Thread(target=_rewrite, args=(newest, ended), daemon=True)
+        thread = threading.Thread(target=_rewrite, args=(newest, ended, _make_writer()), daemon=True)
         thread.start()
         try:
             yield lambda step, share: newest.__setitem__(0, step + (f", {share:.0%}" if share > 0.0 else ""))
@@ -43,10 +43,20 @@ def _is_watched() -> bool:
     return "ipykernel" in sys.modules or sys.stderr.isatty()
 
 
-def _rewrite(newest: list[str], ended: threading.Event) -> None:
-    """Write the newest step over the line each second; leave an empty line."""
+def _make_writer() -> Callable[[str], None]:
+    """Return what writes a line over the one before; a notebook stores the last one only."""
+    if "ipykernel" in sys.modules:
+        from IPython.display import display
+
+        shown = display({"text/plain": ""}, raw=True, display_id=True)  # type: ignore[no-untyped-call]
+        if shown is not None:
+            return lambda line: shown.update({"text/plain": line}, raw=True)
+    return lambda line: print(f"\r{line[:WIDTH]:{WIDTH}}" + "\r" * (not line), end="", file=sys.stderr, flush=True)
+
+
+def _rewrite(newest: list[str], ended: threading.Event, write: Callable[[str], None]) -> None:
+    """Write the newest step each second; leave an empty line."""
     began = time.monotonic()
     while not ended.wait(EVERY_S):
-        line = f"{time.monotonic() - began:4.0f} s  {newest[0]}"
-        print(f"\r{line[:WIDTH]:{WIDTH}}", end="", file=sys.stderr, flush=True)
-    print(f"\r{'':{WIDTH}}\r", end="", file=sys.stderr, flush=True)
+        write(f"{time.monotonic() - began:4.0f} s  {newest[0]}")
+    write("")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from numbers import Real
 from typing import Any, Self
 
 import numpy as np
@@ -116,7 +115,7 @@ class Recording(recording.Recording):
 
     def resample(self, rate_Hz: float) -> Self:
         """Return the recording with all channels on even times: currents held, others interpolated, no gap bridged."""
-        if not isinstance(rate_Hz, Real) or not 0.0 < rate_Hz <= MAX_RATE_HZ:
+        if not isinstance(rate_Hz, int | float | np.number) or not 0.0 < rate_Hz <= MAX_RATE_HZ:
             raise RecordingError(f"resample({rate_Hz!r}): expected a rate above 0, up to {MAX_RATE_HZ:g} Hz")
         position = self.channel("position").in_order()
         count = int(np.floor(np.ptp(position.stamps_ns) * 1e-9 * rate_Hz)) + 1

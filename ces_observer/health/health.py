@@ -193,7 +193,7 @@ class Health:
             if now.mean_age_s < -ClockLimits.AHEAD_S:
                 remarks.append(Remarks.AHEAD)
             current = self.current.figures
-            apart_s = now.mean_age_s - current.mean_age_s if current.samples else 0.0
+            apart_s = now.usual_age_s - current.usual_age_s if current.samples else 0.0
             if abs(apart_s) > (ClockLimits.OFFSET_S if current.dropped is None else ClockLimits.LATE_S):
                 remarks.append(Remarks.APART % apart_s)
         repeats = now.total_out_of_order + now.total_duplicates - before.total_out_of_order - before.total_duplicates

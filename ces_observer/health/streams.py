@@ -48,11 +48,11 @@ class Losses:
 class StreamFigures:
     """One window of a topic; times in s. Counts named `total_` are since the start, the others in the window.
 
-    `age` is arrival minus stamp, `jitter` the standard deviation of the usual intervals between stamps. `dropped` is
-    estimated from gaps in the stamps; it is None for messages without stamps, where a gap may be a stalled computer. Of
-    these samples `lost` are known to have been lost, None if that is not known (`Losses`), and `overflowed` in the
-    node's own queue; the source has not sent the others. Interruptions are stamps out of line with the others, or
-    silences too long to be lost messages.
+    `age` is arrival minus stamp, the usual one without stalls, `jitter` the standard deviation of the usual intervals
+    between stamps. `dropped` is estimated from gaps in the stamps; it is None for messages without stamps, where a gap
+    may be a stalled computer. Of these samples `lost` are known to have been lost, None if that is not known
+    (`Losses`), and `overflowed` in the node's own queue; the source has not sent the others. Interruptions are stamps
+    out of line with the others, or silences too long to be lost messages.
     """
 
     samples: int = 0
@@ -60,6 +60,7 @@ class StreamFigures:
     rate_Hz: float = 0.0
     period_s: float = 0.0
     mean_age_s: float = 0.0
+    usual_age_s: float = 0.0
     max_age_s: float = 0.0
     jitter_s: float = 0.0
     dropped: int | None = None
@@ -132,7 +133,8 @@ class Arrivals:
         self.figures = StreamFigures(
             samples=samples, total_samples=total, rate_Hz=samples / elapsed_s if elapsed_s > 0.0 else 0.0,
             period_s=(period_ns + s[counts.MEAN_DEVIATION]) * 1e-9, mean_age_s=s[counts.MEAN_AGE] * 1e-9,
-            max_age_s=k[counts.WINDOW_MAX_AGE] * 1e-9, jitter_s=s[counts.JITTER] * 1e-9,
+            usual_age_s=k[counts.USUAL_AGE] * 1e-9, max_age_s=k[counts.WINDOW_MAX_AGE] * 1e-9,
+            jitter_s=s[counts.JITTER] * 1e-9,
             dropped=None if dropped is None else dropped - (before.total_dropped or 0), total_dropped=dropped,
             lost=None if losses.lost is None else losses.lost - (before.total_lost or 0), total_lost=losses.lost,
             overflowed=losses.overflowed - before.total_overflowed, total_overflowed=losses.overflowed,

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rosidl_runtime_py.utilities import get_message
 
 TIMEOUT_S = 4.0  # of nav2's nodes; the manager has its own
+SLACK_S = 0.05  # half the period of the timer that looks whether one is due
 
 
 class Bond:
@@ -32,7 +33,7 @@ class Bond:
 
     def watch(self) -> None:
         """Publish a heartbeat if it is due."""
-        if self._publisher is not None and monotonic() - self._told_s >= self._message.heartbeat_period:
+        if self._publisher is not None and monotonic() - self._told_s >= self._message.heartbeat_period - SLACK_S:
             self._told_s = monotonic()
             self._message.header.stamp = self._node.get_clock().now().to_msg()
             self._publisher.publish(self._message)

@@ -155,6 +155,9 @@ def test_simulate_writes_every_force_and_says_how_long_it_was_held(capsys):
     assert (document["rows_held"], document["rows_without_force"]) == (held.sum(), np.isnan(force).sum())
     assert ces("replay", "m.json", "servo", "--out", "replayed") == 0
     assert warning_of(capsys) == share
+    assert ces("simulate", "--sim", "m.json", "servo", "--part", "3", "5", "--out", "part.csv") == 0
+    part = np.genfromtxt("part.csv", delimiter=",", names=True)["force_N"]
+    np.testing.assert_allclose(part[1600:], force[4600:5000], atol=1.0)
 
 
 @pytest.mark.usefixtures("servo")

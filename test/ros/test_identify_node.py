@@ -18,7 +18,7 @@ from vehicle import Vehicle, wait
 from ces_observer.model import load_model
 from ces_observer.nodes.outputs import LATCHED
 
-QUICK = {"terms": 2, "threads": 1, "bags": f"[{ROOT / 'bags' / 'noise' / 'noise.mcap'}]"}
+QUICK = {"terms": 2, "threads": 1, "part": "[0.0, 8.0]", "bags": f"[{ROOT / 'bags' / 'noise' / 'noise.mcap'}]"}
 Begin = Callable[..., NodeProcess]
 
 

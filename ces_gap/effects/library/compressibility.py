@@ -21,6 +21,7 @@ class Compressibility(Effect):
     needs = "motion fast enough to change the force within tens of milliseconds"
     summary = "oil, hoses and bubbles are elastic"
     visible, mistaken_for = "as force builds up, differently in each direction", ("mount_compliance", "position_delay")
+    bench = ("continuous", "width_N")
 
 
 class SofterOil(Compressibility):

@@ -20,6 +20,7 @@ class CurrentHysteresis(Effect):
     name, stage, reruns, needs = "current_hysteresis", VALVE, True, "a current that reverses"
     summary = "magnetic hysteresis of the valve"
     visible, mistaken_for = "when the current reverses", ("valve_lag",)
+    bench = ("over_current", "width_N")
 
 
 class Plays(CurrentHysteresis):

@@ -20,6 +20,7 @@ class CurrentScale(Effect):
     name, stage, reruns = "current_scale", SENSOR, True
     summary = "gain or offset of the measured current"
     visible, mistaken_for = "in proportion to the effect of the current", ("force_scale", "leakage")
+    bench = ("ranges", "range_N")
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         gain, offset = (*values, 0.0)[:2]

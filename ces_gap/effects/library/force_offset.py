@@ -15,6 +15,7 @@ class ForceOffset(Effect):
     name, form, stage, needs = "force_offset", "constant", CELL, "a tare that agrees with the simulation"
     summary = "the zero of the force is wrong"
     visible, mistaken_for = "equally everywhere", ("gas_spring",)
+    bench = ("work", "mid_force_N")
     parameters = (
         magnitude(
             "offset_N", -1e5, 1e5, (20.0,), "measured force when the damper force is zero", usual=(-3000.0, 3000.0)

@@ -39,6 +39,7 @@ class FrictionForce(Effect):
     name, stage = "friction", PARALLEL
     summary = "friction of seals and bearings"
     visible, mistaken_for = "after every reversal, equally at any speed", ("mount_compliance", "force_scale")
+    bench = ("work", "zero_width_N")
 
 
 class CoulombStribeck(FrictionForce):

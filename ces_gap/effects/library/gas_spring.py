@@ -29,6 +29,7 @@ class GasSpring(Effect):
     name, stage = "gas_spring", PARALLEL
     summary = "gas pressure pushes the rod out"
     visible, mistaken_for = "over stroke, equally at any speed", ("bump_stop", "force_offset")
+    bench = ("work", "mid_force_N")
 
 
 class LinearGasSpring(GasSpring):

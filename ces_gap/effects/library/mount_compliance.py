@@ -13,6 +13,7 @@ class MountCompliance(Effect):
     needs = "motion fast enough to change the force within tens of milliseconds"
     summary = "elastic bushings"
     visible, mistaken_for = "as force builds up, equally in both directions", ("compressibility", "position_delay")
+    bench = ("continuous", "width_N")
 
 
 class SeriesMount(MountCompliance):

@@ -23,6 +23,7 @@ class ValveLag(Effect):
     name, stage, needs = "valve_lag", VALVE, "a changing current"
     summary = "the valve follows the current with a lag"
     visible, mistaken_for = "after changes of current", ("current_hysteresis",)
+    bench = ("responses", "time_63_s")
 
 
 class _Filter(ValveLag):

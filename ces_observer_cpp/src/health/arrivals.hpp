@@ -36,7 +36,7 @@ private:
 // are stamps out of line with the others, or silences too long to be lost messages.
 struct ArrivalFigures {
   std::int64_t samples = 0, total_samples = 0;
-  double rate_Hz = 0.0, mean_age_s = 0.0, max_age_s = 0.0, jitter_s = 0.0;
+  double rate_Hz = 0.0, mean_age_s = 0.0, usual_age_s = 0.0, max_age_s = 0.0, jitter_s = 0.0;
   bool has_dropped = false;
   std::int64_t dropped = 0, total_dropped = 0;
   std::optional<std::int64_t> lost, total_lost;
@@ -70,6 +70,7 @@ public:
     next.samples = next.total_samples - figures_.total_samples;
     next.rate_Hz = elapsed_s > 0.0 ? static_cast<double>(next.samples) / elapsed_s : 0.0;
     next.mean_age_s = s_[CES_ARRIVALS_MEAN_AGE] * 1e-9;
+    next.usual_age_s = to_s(k_[CES_ARRIVALS_USUAL_AGE]);
     next.max_age_s = to_s(k_[CES_ARRIVALS_WINDOW_MAX_AGE]);
     next.jitter_s = s_[CES_ARRIVALS_JITTER] * 1e-9;
     if (next.has_dropped) {

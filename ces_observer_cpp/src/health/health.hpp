@@ -265,7 +265,7 @@ public:
     const bool is_ahead = figures.has_dropped && figures.samples && figures.mean_age_s < -limits::AHEAD_S;
     task.add(is_ahead, remarks::AHEAD);
     const auto & other = current.figures();
-    const auto apart_s = figures.mean_age_s - other.mean_age_s;
+    const auto apart_s = figures.usual_age_s - other.usual_age_s;
     const bool is_apart = std::abs(apart_s) > (other.has_dropped ? limits::LATE_S : limits::OFFSET_S);
     task.add(
       figures.has_dropped && figures.samples && other.samples && is_apart, format_number(remarks::APART, apart_s));

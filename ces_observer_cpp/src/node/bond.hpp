@@ -28,7 +28,7 @@ public:
 
   // Publish a heartbeat if it is due at `now` of the steady clock.
   void watch(Nanoseconds now) {
-    if (!publisher_ || now - told_ < to_ns(period_s_)) {return;}
+    if (!publisher_ || now - told_ < to_ns(period_s_ - SLACK_S)) {return;}
     told_ = now;
     publish(true);
   }
@@ -42,6 +42,7 @@ public:
 
 private:
   static constexpr float TIMEOUT_S = 4.0F;  // of nav2's nodes; the manager has its own
+  static constexpr double SLACK_S = 0.05;  // half the period of the timer that looks whether one is due
 
   // Publish a bond/msg/Status, written as rosidl has it: header, id, instance_id, active, timeout, period.
   void publish(bool is_active) {

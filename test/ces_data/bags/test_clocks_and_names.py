@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import tiny_bags as tiny
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -132,6 +133,11 @@ def test_an_index_that_is_another_joint_is_refused_and_the_advice_works(tmp_path
         assert read_recording(path, DEFAULT).channel("position").values.max() < 1.0
 
 
+def test_a_joint_that_only_later_messages_name_is_proposed(tmp_path):
+    path = write(tmp_path / "bag", LOGGED, lambda k: (["rear_damper"], [0.001 * k]) if k % 3 else (["wheel"], [1.0]))
+    assert "/joint_states position[rear_damper]" in {c.label for c in find_bag_candidates([path])[0]}
+
+
 @pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
 def test_a_few_messages_of_another_order_are_left_out_with_a_warning(tmp_path):
     def joint(k):
@@ -196,6 +202,20 @@ def write_foreign(path, encoding, schema, topics):
                 writer.add_message(channel, k * 10_000_000, raw(k), k * 10_000_000)
         writer.finish()
     return path
+
+
+def test_publishers_that_were_there_when_a_topic_was_recorded_are_counted(tmp_path):
+    none, one = QosTime(0, 0), 1
+    kinds = QosHistory(one), 10, QosReliability(one), QosDurability(one)
+    qos = Qos(*kinds, none, none, QosLiveliness(one), none, False)
+    with Writer(tmp_path / "bag", version=9) as writer:
+        for topic, kind, messages in tiny.drive():
+            two = [qos] * (2 if topic == "/valve_current" else 1)
+            connection = writer.add_connection(topic, kind, typestore=tiny.JAZZY, offered_qos_profiles=two)
+            for log_ns, message in messages:
+                writer.write(connection, log_ns, tiny.JAZZY.serialize_cdr(message, kind))
+    with pytest.warns(RecordingWarning, match="current: /valve_current had 2 publishers when it was recorded, whose"):
+        read_recording(tmp_path / "bag", DEFAULT)
 
 
 def test_json_inside_mcap_is_read_as_messages_of_numbers_and_what_is_missing_is_none(tmp_path):

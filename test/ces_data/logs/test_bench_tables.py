@@ -1,5 +1,7 @@
 """Text tables of test benches and loggers: blocks with headers of their own, rows that number columns, ragged rows."""
 
+import json
+
 import numpy as np
 import pytest
 from log_examples import CURRENT, F, T, X, assert_recording
@@ -211,3 +213,93 @@ def test_dates_by_pattern_and_as_c_writes_them(tmp_path, pattern, cells):
     assert np.diff(stamps).tolist() == [10**9]
     if "H%M" not in pattern:
         assert stamps[0] == 1_785_970_799_500_000_000  # 2026-08-05 22:59:59.5 UTC
+
+
+LINES = list(zip(*(values.tolist() for values in (T, 1e3 * X, CURRENT, F)), strict=True))
+QUOTED = "".join(",".join(f'"{number:.9g}"'.replace(".", ",") for number in row) + "\n" for row in LINES)
+KINDS = {
+    "a decimal comma in quotes, between commas": ("a.csv", "Zeit_s,Weg_mm,Strom_A,Kraft_N\n" + QUOTED),
+    "durations as MATLAB writes them": (
+        "a.csv",
+        "Time,position_mm,current_A,force_N\n" + "".join(f"{t:.9g} sec,{x!r},{i!r},{f!r}\n" for t, x, i, f in LINES),
+    ),
+    "a rate in the first row of the first column": (
+        "a.csv",
+        "fs_Hz,position_mm,current_A,force_N\n"
+        + "".join(f"{'' if k else 500},{x!r},{i!r},{f!r}\n" for k, (_, x, i, f) in enumerate(LINES)),
+    ),
+    "columns of JSON with their units beside": (
+        "a.json",
+        json.dumps(
+            {
+                n: {"data": c, "unit": u}
+                for n, c, u in zip(
+                    ("t", "position", "current", "force"), zip(*LINES, strict=True), ("s", "mm", "A", "N"), strict=True
+                )
+            }
+        ),
+    ),
+    "a JSON value in each line, with names inside": (
+        "a.jsonl",
+        "".join(
+            json.dumps({"t_s": t, "rig": {"position_mm": x, "current_A": i}, "force_N": f}) + "\n"
+            for t, x, i, f in LINES
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_tables_of_other_programs(tmp_path, kind):
+    name, text = KINDS[kind]
+    (tmp_path / name).write_text(text)
+    proposal = propose_mapping(tmp_path / name)
+    assert proposal.doubts == ()
+    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False, rtol=1e-8)
+
+
+FAULTS = {
+    "a unit of percent": (
+        "a.csv",
+        "t_s,x_mm,current_%,F_N\n" + "".join(f"{t!r},{x!r},{40 * i!r},{f!r}\n" for t, x, i, f in LINES),
+        "is stated as '%'",
+    ),
+    "two marks of decimals": (
+        "a.csv",
+        "t_s;x_mm;i_A;F_N\n"
+        + "".join(
+            f"{t:.3f};{x:.4f};{i:.3f};{f:.1f}\n".replace(f"{x:.4f}", f"{x:.4f}".replace(".", ","))
+            for t, x, i, f in LINES
+        ),
+        "x_mm' is '.*'; expected decimals by '.' as elsewhere",
+    ),
+    "a pointer of Git LFS": (
+        "a.csv",
+        "version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 9\n",
+        "git lfs pull",
+    ),
+    "a short name without a unit": (
+        "a.csv",
+        "t,x_mm,i,F_N\n" + "".join(f"{t!r},{x!r},{i + 0.01 * t!r},{f!r}\n" for t, x, i, f in LINES),
+        "'i' may be it, but that is not certain: named 'i'",
+    ),
+    "a value a row": (
+        "a.csv",
+        "elapsed,topic,value\n" + "0.0,/a.pos,1.5\n0.1,/a.pos,2.5\n0.0,/a.force,9.5\n",
+        "each row holds",
+    ),
+    "a counter in ms": (
+        "a.csv",
+        "ms,x_mm,F_N\n" + "65534,1,2\n65535,2,3\n0,3,4\n1,4,5\n",
+        "a counter of 16 bits began again",
+    ),
+    "a line that is cut": ("a.jsonl", '{"t_s": 0.0}\n{"t_s": 0.1}\n{"t_', r"a.jsonl:3: not a JSON value .*jq -s"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_is_no_table_of_signals_says_why(tmp_path, fault):
+    name, text, message = FAULTS[fault]
+    (tmp_path / name).write_text(text)
+    with pytest.raises(RecordingError, match=message):
+        propose_mapping(tmp_path / name).read()

@@ -229,7 +229,7 @@ def test_volts_are_a_current_only_with_a_scale(tmp_path):
 @pytest.mark.parametrize(
     ("content", "map_text", "phrase"),
     [
-        ('{"t": 0}\n{"t": 1}\n', MAPPED, "make one list of them: jq -s . log.json > log_list.json"),
+        ('{"t": 0}\n{"t":\n 1}\n', MAPPED, "make one list of several: jq -s . "),
         ("{", MAPPED, "log.json: not a json file: Expecting property name"),
         ("3", MAPPED, "log.json: '' is a int; expected a table"),
         ("[]", MAPPED, "log.json: 'the file' is empty"),

@@ -133,7 +133,7 @@ def test_missing_numbers_in_any_spelling_are_missing_samples_and_counted(tmp_pat
         (with_times(clock("%H h %M min %S.%f")), "column 'Time' is '12 h 59 min 57.000000'; expected a number"),
         (with_times([f"{t / 86_400 + 0.5:.12f}" for t in T]), "its steps are 2.3"),
         (NAMES + "\n".join(CELLS[::-1]) + "\n", "the newest row is first; reverse the rows"),
-        (NAMES + CELLS[0] + "\n", "position: 'position_mm' holds too few numbers (1 in 1 rows)"),
+        (NAMES + CELLS[0] + "\n", "position: 'position_mm' holds too few numbers (1 in 1 rows; expected at least 3)"),
         ("\0\1\2" * 99, "not a text table, but binary data"),
         ("PK\3\4\0\0" * 99, "but an Excel workbook or a zip archive; save the sheet as CSV"),
         ("Dear reader,\nthis is a letter.\n", "a number, as 'this is a letter.' is none; expected rows of"),

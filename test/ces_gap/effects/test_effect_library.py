@@ -18,6 +18,8 @@ from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import CALIBRATION_FORMS as FORMS
 from ces_gap.effects.simulation_errors import ForceMap, ForceMapOfCurrent, SampleTiming, simulation_errors
 from ces_gap.trace import Trace, TraceInputs, make_trace
+from ces_identify.characteristics.rows import TABLES
+from ces_report.table import row_fields
 
 DESIGNED = {
     "friction", "compressibility", "mount_compliance", "backlash", "inertia", "gas_spring", "cavitation",
@@ -191,3 +193,10 @@ def test_a_negative_spread_sharpens_what_was_smoothed(trace: Trace) -> None:
     inner = slice(200, -200)
     lost, left = (float(np.std((force - trace.simulated)[inner])) for force in (smooth, again))
     assert 0.0 < left < 0.5 * lost
+
+
+def test_where_a_bench_shows_an_effect_is_a_column_of_its_tables():
+    shown = {effect.name: effect.bench for effect in library() if effect.bench != ("", "")}
+    assert {"valve_lag", "current_hysteresis", "current_scale", "friction"} <= set(shown)
+    for table, name in shown.values():
+        assert row_fields(TABLES[table])[name].heading

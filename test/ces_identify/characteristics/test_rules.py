@@ -27,14 +27,14 @@ FORMS = {
     "window": {"read_at": "centre"},
     "crossing": {"read_at": "centre", "window": 0},
     "last cycle": {"read_at": "centre", "cycles": "last"},
-    "maximum": {"value": "maximum", "force_filter_Hz": 100},
-    "maximum of a window": {"read_at": "centre", "value": "maximum", "force_filter_Hz": 100},
+    "maximum": {"value": "maximum"},
+    "maximum of a window": {"read_at": "centre", "value": "maximum"},
 }
 
 
 @pytest.mark.parametrize("rules", FORMS.values(), ids=list(FORMS))
 def test_forces_and_hysteresis_are_those_without_noise(rules):
-    clean = characterise(bench_programme(), rules={name: v for name, v in rules.items() if name != "force_filter_Hz"})
+    clean = characterise(bench_programme(), rules=rules)
     noisy = characterise(bench_programme(NOISE_N, NOISE_M), rules=rules)
     assert len(clean.peak_velocity) == len(noisy.peak_velocity) == 2 * 4 * len(POINTS)
     for row, truth in zip(noisy.peak_velocity, clean.peak_velocity, strict=True):
@@ -63,6 +63,14 @@ def test_the_window_and_the_crossing_read_the_centre_of_the_stroke():
         compression, rebound = characterise(recording, rules=rules).peak_velocity
         assert compression.force_N == pytest.approx(force, rel=rel)
         assert rebound.force_N == pytest.approx(-force, rel=rel)
+
+
+def test_the_first_hold_is_on_a_branch_where_the_rules_say_so():
+    """Otherwise the lowest current is known from one side only."""
+    for rules, known in (({}, 2), ({"first_hold": "raised"}, 3)):
+        rows = characterise(bench_programme(), rules=rules).over_current
+        slowest = [row for row in rows if row.direction == "compression" and row.speed_m_s < 0.2]
+        assert sum(np.isfinite(row.width_N) for row in slowest) == known
 
 
 def test_range_ratio_and_linearity():
@@ -157,7 +165,7 @@ def test_a_step_that_fails_is_told_from_a_dip_that_recovers():
     fails = characterise(stepped_dyno(lambda t: 0.0 * t))
     dips = characterise(stepped_dyno(lambda t: 0.8 * ((t > 0.005) & (t < 0.02))))
     for results, reason in ((fails, "changes by less than 15 times its noise"), (dips, "dips and recovers")):
-        read = {step.note for step in results.steps if "step fails" in step.note}
+        read = {step.note for step in results.steps if "does not follow" in step.note}
         assert len(read) == 1 and reason in read.pop()
 
 
@@ -187,6 +195,8 @@ def test_limits_are_judged_where_they_are_given():
     (reach, *_) = characterise(bench_programme()).ranges
     made = judge(limits, (), [replace(reach, range_N=600.0, ratio=np.nan, ratio_ci95=np.nan)])
     assert [row.verdict for row in made] == ["within", "not known"]
+    (unknown,) = judge(load_rules({"limit": {"t90_ms": 15}}).limit, (), ())
+    assert (unknown.verdict, unknown.subject) == ("not known", "no step was read")
 
 
 @pytest.mark.parametrize(
@@ -197,7 +207,6 @@ def test_limits_are_judged_where_they_are_given():
         ({"limit": {"t90_ms": "15 ms"}}, "limit: t90_ms is '15 ms'; expected a number above 0 to 1000000 ms"),
         ({"read_at": "middle"}, "read_at is 'middle'; expected one of peak_speed, centre"),
         ({"speeds_m_s": [0.131, -1]}, r"speeds_m_s\[1\] is -1; expected a number above 0 to 100 m/s"),
-        ({"force_filter_Hz": 600}, "force_filter_Hz is 600; expected less than half the rate of 1000 Hz"),
     ],
 )
 def test_a_mistake_is_one_line(rules, message):

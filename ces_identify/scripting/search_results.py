@@ -1,0 +1,31 @@
+"""The starts of a search as scripts and notebooks see them: a table, and a DataFrame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ces_data.frames import import_pandas
+from ces_identify.numerics.search import SearchResult
+from ces_report.table import PrintedResults, Table, summarize_result, text_table
+
+
+class SearchResults(PrintedResults[SearchResult]):
+    """The starts of a search, the best first."""
+
+    def to_frame(self) -> Any:
+        """Return them as a DataFrame: seed, size of the model, cost on the selection data [%], trials, and the end."""
+        columns = ["seed", "size", "selection_J_percent", "trials", "ended"]
+        return import_pandas().DataFrame(map(_start_facts, self), columns=columns)
+
+
+def _start_facts(start: SearchResult) -> tuple[int, int, float, int, str]:
+    return start.seed, len(start.chosen), start.cost, start.trials, start.ended
+
+
+@summarize_result.register
+def _(starts: SearchResults) -> tuple[Sequence[str], Table[Sequence[str]]]:
+    rows = [
+        (str(n), str(size), f"{J:.2f}", str(trials), ended) for n, size, J, trials, ended in map(_start_facts, starts)
+    ]
+    return [] if rows else ["no search"], text_table(["seed", "size", "selection J %", "trials", "ended"], rows, left=0)
