@@ -70,12 +70,12 @@ MAX_PACKAGE = {
     "ces_observer": 144.5,
     "ces_data": 115.1,
     "ces_report": 14,
-    "ces_identify": 191.7,
+    "ces_identify": 191.8,
     "ces_rig": 71.9,
     "ces_gap": 129.3,
     "ces_cli": 67.2,
     "bench": 72.5,
-    "test": 482.1,
+    "test": 482.2,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
