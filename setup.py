@@ -161,7 +161,7 @@ setup(
         "workbook": WORKBOOK,  # ces characterise --out: tables as .xlsx, charts as PNG
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
-        "serve": ["flask>=3.0"],  # ces serve
+        "serve": ["flask>=3.0", "plotly>=5.4"],  # ces serve
         "notebook": ["notebook>=7", "ipykernel>=6.25", "matplotlib>=3.6", "pandas>=2.1"],  # examples/own_data.ipynb
         "docs": ["mkdocs-material>=9.5", "ruff>=0.6"],  # make docs
         "dev": [
@@ -176,6 +176,7 @@ setup(
             *TDMS,
             *PARQUET,
             "flask>=3.0",
+            "plotly>=5.4",
             "ruff>=0.6",
             "mypy>=1.11",
             "playwright>=1.40",  # drives the Chromium of the system in tests of pages

@@ -71,7 +71,7 @@ PICTURES = {
     "gap_summary": Picture(*GAP, last="#shrink", files=FILES),
     "gap_report": Picture(*GAP, last="#causes", files=FILES),
     "gap_where": Picture(*GAP, first="#where", last="#where", files=FILES),
-    "serve": Picture("", (), "ces serve", last="main table"),  # of what the others have made
+    "serve": Picture("desk", ("mkdir desk", "ces export-data bags/noise --out desk/rig.csv"), "ces serve"),
 }
 
 
@@ -88,12 +88,17 @@ def make(picture: Picture) -> None:
 def photograph(page: Page, picture: Picture, path: Path) -> None:
     """Write the part of a page that a picture shows, as a page of `WIDTH_px` looks when it opens."""
     if picture.page == "ces serve":
-        words = [str(CES), "serve", ".", "--port", "0"]
+        words = [str(CES), "serve", "desk", "--port", "0"]
         with subprocess.Popen(words, cwd=WORK, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as server:
             assert server.stdout is not None
             printed = next(line for line in server.stdout if "http" in line)
-            page.goto(re.findall(r"http\S+", printed)[0])
-            clip(page, picture, path)
+            page.goto(address := re.findall(r"http\S+", printed)[0])
+            page.goto(f"{address.partition('?')[0]}?open=rig.csv&from=4&to=16")
+            page.click("#run-characterise")
+            page.wait_for_selector("#job[data-state=done] >> text=characteristics.html")
+            page.wait_for_selector("#chart .main-svg")
+            page.evaluate("scrollTo(0, 0)")
+            page.screenshot(path=path)
             server.terminate()
     else:
         page.goto((WORK / picture.page).as_uri())

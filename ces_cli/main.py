@@ -44,7 +44,7 @@ PROGRAMS: ProgramTable = {  # module and summary by name
     "iterate": ("iterate", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
     "compare": ("compare", "compare models on the same recordings: costs, and whether they differ"),
-    "serve": ("desk.program", "browse models, reports and results of a folder as pages"),
+    "serve": ("desk.program", "work in a folder with the browser: see recordings, run programs, read reports"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
     "export-data": ("bags.export_data", "write recordings and a model's estimates as CSV or Parquet"),

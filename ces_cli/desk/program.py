@@ -1,8 +1,7 @@
-"""`ces serve`: shows what is in a folder as pages in the browser, read-only and on this computer only."""
+"""`ces serve`: a desk in the browser for the recordings and models of a folder, on this computer only."""
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,50 +15,40 @@ from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
 from ces_observer.records import declare
 
-LOOPBACK = "127.0.0.1"
-HOST = "address to listen on; with another than that of this computer only, all of its network can read DIR"
-ENDS = ("SIGTERM", "SIGHUP")  # of a service, and of an ssh connection that breaks
+NEEDS = {"flask": "python3-flask", "plotly": "python3-plotly"}  # by module: the package of Ubuntu
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServeRequest(ProgramRequest):
     """What `ces serve` is asked for."""
 
-    folder: Path = argument(meaning="the folder to show", metavar="DIR")
+    folder: Path = argument(meaning="the folder to work in", metavar="DIR")
     port: int = option(8000, "port to listen on; 0 for a free one", 0, 65535, metavar="N")
-    host: str = option(LOOPBACK, HOST, metavar="ADDRESS")
     signals: Path | None = declare(SIGNALS)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program until Ctrl-C; returns the exit status."""
     request = make_parser().read(argv)
-    if find_spec("flask") is None:
-        raise CesError("Flask is not installed; pip install 'ces_observer[serve]' (or apt install python3-flask)")
-    if request.signals is not None:
-        load_signals(request.signals)  # raises now, not when a recording is opened
-    from ces_cli.desk.app import PageServer, is_loopback
+    if missing := [name for name in NEEDS if find_spec(name) is None]:
+        apt = " ".join(NEEDS[name] for name in missing)
+        raise CesError(f"{' and '.join(missing)}: not installed; pip install 'ces_observer[serve]' (apt install {apt})")
+    load_signals(request.signals)  # raises now, not when a recording is opened
+    from ces_cli.desk.app import Desk
 
-    server = PageServer(request.folder, request.host, request.port, request.signals)
-    if not is_loopback(request.host):
-        terminal.print_warning(f"--host {request.host}: everyone on that network can read {request.folder}")
+    server, url = Desk(request.folder, request.signals).listen(request.port)
     with suppress(KeyboardInterrupt):
-        for number in (getattr(signal, name) for name in ENDS if hasattr(signal, name)):
-            if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
-                signal.signal(number, signal.default_int_handler)
-        print(f"{request.folder}: {server.url}  (Ctrl-C ends it)", flush=True)
+        print(f"{request.folder}: {url}  (Ctrl-C ends it)", flush=True)
         heartbeat.stop()
-        server.run()
-    print("stopped")
+        server.serve_forever(poll_interval=0.2)
+    print("stopped; a job that runs goes on")
     return 0
 
 
 def make_parser() -> terminal.Parser[ServeRequest]:
     """Return the parser of the program."""
-    return terminal.parser(
-        "serve",
-        "Show what is in a folder and below it as pages in the browser: models, reports, campaigns, diagnoses, fleets "
-        "and recordings. Nothing is written. Ctrl-C ends it.",
-        "ces serve .",
-        ServeRequest,
+    about = (
+        "Work in a folder with the browser: see recordings, choose a range, run programs, read their reports. Every "
+        "button shows its command; files stay in the folder. Ctrl-C ends it, but no job that runs."
     )
+    return terminal.parser("serve", about, "ces serve .", ServeRequest)

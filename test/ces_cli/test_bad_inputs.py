@@ -16,7 +16,7 @@ from shared_results import SharedResults
 TABLE = """\
 identify | no recording given
 identify nowhere --out m.json | nowhere: no such file
-identify b.csv --out m.json | b.csv: position: 'x' holds too few numbers (2 in 2 rows; expected at least 3)
+identify b.csv --out m.json | b.csv: position: 'x' holds too few numbers (2 in 2 rows
 identify one --terms 0 | --terms
 identify one --structre hydraulic | unrecognized arguments: --structre hydraulic; did you mean '--structure'?
 identify one --split 2 | --split
@@ -79,7 +79,7 @@ identify one --structure anfis --rules axb | not VxI
 identify one --structure anfis --rules 1x2 | at least 2
 identify one --structure anfis --rules 20x4 | makes 80 rules
 validate model.json | no recording given
-validate model.json b.csv | b.csv: position: 'x' holds too few numbers (2 in 2 rows; expected at least 3)
+validate model.json b.csv | b.csv: position: 'x' holds too few numbers (2 in 2 rows
 validate model.json two --part 1 0 | no part from 1.0 s to 0.0 s; expected 0 <= from < to
 validate model.json two --part 90 99 | no part from 90 s to 99 s; it has
 characterise two --part 1 1.00001 | expected at least 2
@@ -96,7 +96,7 @@ validate old.json two | schema is 'ces-model/0'
 validate nan.json two | coefficient is nan
 validate lag.json two | lag is 1000000
 validate cut.json two | cut.json: not a JSON file
-simulate --sim model.json b.csv --out x.csv | b.csv: position: 'x' holds too few numbers (2 in 2 rows; expected at least 3)
+simulate --sim model.json b.csv --out x.csv | b.csv: position: 'x' holds too few numbers (2 in 2 rows
 simulate --sim what one --out x.csv | 'what' is no simulation; expected MODEL.json, AUGMENTED.json
 simulate --sim topic:/none one --out x.csv | no topic /none; it has /joint_states
 simulate --sim no_module:f one --out x.csv | cannot be imported
@@ -105,7 +105,7 @@ simulate --sim model.json one --out taken | taken: exists; choose another name
 simulate --sim model.json one --out model.json --overwrite | model.json: is an input, too
 simulate --sim none.fmu one --out x.csv | none.fmu: no such file
 simulate --sim broken.fmu one --out x.csv | not a zip file
-replay model.json b.csv --out x | b.csv: position: 'x' holds too few numbers (2 in 2 rows; expected at least 3)
+replay model.json b.csv --out x | b.csv: position: 'x' holds too few numbers (2 in 2 rows
 replay model.json one --out full | full: is a folder but not a bag
 replay model.json one --out full --overwrite | full: is a folder but not a bag
 replay model.json one --out one --overwrite | one: is an input, too
@@ -132,7 +132,7 @@ compare model.json law:force nowhere | nowhere
 compare model.json nothing.json one | nothing.json: no such model file
 compare model.json topic:/prediction one | no topic /prediction
 compare model.json law:force one two --report empty | empty/model_and_law-force_on_one_and_two.html: exists
-diagnose --sim law:force --real b.csv --out o | b.csv: position: 'x' holds too few numbers (2 in 2 rows; expected at least 3)
+diagnose --sim law:force --real b.csv --out o | b.csv: position: 'x' holds too few numbers (2 in 2 rows
 diagnose --sim law:force --real nowhere --out o | nowhere: no such file
 diagnose --sim law:force --real x* --out o | x*: no bag matches
 diagnose --sim nowhere.json --real one --out o | nowhere.json: no such model file
