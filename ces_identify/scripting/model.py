@@ -114,8 +114,6 @@ class Model(model.Model):
             given = _recording_of(recording if time_s is None else time_s, position_m, current_A)
         run = sample_run(self, given)
         _warn_all(warnings_on(run, given.name))
-        if not np.isfinite(run.force).any():
-            warn(f"{given.name}: no force at any sample; the first comes {self.warm_up_s:g} s after a start or a gap")
         return _like(recording, given, run.force)
 
     def predict(self, recording: RecordingInput, steps: int = 1) -> Any:

@@ -19,6 +19,7 @@ from ces_identify.validation.evaluate import (
     VALIDATION,
     Evaluation,
     describe_held,
+    describe_lost,
     describe_outside,
     evaluate,
     outside_ranges,
@@ -66,7 +67,9 @@ def reverse_signs(recording: Recording) -> Recording:
 
 
 def warnings_on(run: SampleRun, name: str) -> Iterator[str]:
-    """Yield for how long inputs and force of a run on the recording `name` were outside the model's envelopes."""
+    """Yield for how long a run on the recording `name` has no force, or is outside the model's envelopes."""
+    if lost := describe_lost(name, float(np.mean(~np.isfinite(run.force))), run.series):
+        yield lost
     if uses := outside_ranges(run.model, run.series):
         yield describe_outside(name, float(np.mean(run.run.clamped)), uses)
     if held := describe_held(name, *run.held_at(np.isfinite(run.force))):

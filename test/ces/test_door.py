@@ -148,6 +148,10 @@ DOUBTS = {
         lambda m, r: ces.simulate(m, time_s=T, position_m=X, current_A=500.0),
         "multiply it by 0.001 if it is in mA",
     ),
+    "a short ride": (
+        lambda m, r: m.simulate(T[:300], X[:300], 0.5),
+        "no force for 83.3 % of the time: a warm-up of 0.5",
+    ),
     "another damper": (lambda m, r: ces.validate(m, columns(current_A=0.0 * T)), "outside the model's envelope for"),
     "other signs": (
         lambda m, r: m.validate(
