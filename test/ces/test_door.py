@@ -204,6 +204,25 @@ def test_simulations_come_alone_in_a_list_or_by_name_and_recordings_by_globs(mod
     assert [one.sources for one in named] == [("measured", "sample"), ("measured", "mine")]
 
 
+def test_whatever_can_be_compared_can_be_simulated_and_validated(model, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame(columns())
+
+    def force(time_s, position_m, current_A, *, scale=1.0):
+        return scale * 1500.0 * current_A * np.tanh(np.gradient(position_m, time_s) / 0.1)
+
+    np.testing.assert_allclose(ces.simulate(force, T, X, CURRENT), FORCE)
+    simulated = ces.simulate(force, table)
+    assert simulated.index.equals(table.index)
+    half = ces.calibrate(force, columns(force_N=0.5 * FORCE))
+    np.testing.assert_allclose(ces.simulate(half.simulation, table), 0.5 * FORCE, rtol=1e-3)
+    half_too_much, (exact,) = ces.validate(lambda t, x, i: 1.5 * force(t, x, i), table), ces.validate(force, table)
+    assert (exact.cost, exact.rms_N) == pytest.approx((0.0, 0.0), abs=1e-6)
+    (pair,) = ces.compare([force, lambda t, x, i: 1.5 * force(t, x, i)], table).pairs
+    assert half_too_much[0].cost == pytest.approx(-pair.pooled.value) and "unknown 5.5 s" in repr(half_too_much)
+    np.testing.assert_array_equal(ces.simulate(MODEL, table), model.simulate(table))
+
+
 def test_stamps_that_are_no_nanoseconds_are_told(model):
     estimator = ces.Estimator(model)
     assert all(estimator.step(k, 0.01, 0.5) is None for k in range(500))
