@@ -71,6 +71,7 @@ def identify(
     *,
     validation: RecordingInputs = (),
     signals: PathInput | None = None,
+    teacher: SimulationInput | None = None,
     ignore_findings: bool = False,
     progress: ProgressInput = None,
     **options: Any,
@@ -78,15 +79,19 @@ def identify(
     """Identify a model; neither the fit nor the selection sees the `validation` recordings.
 
     `structure` is a name of `ces identify --structure`, or "auto": the best of several, or a mean. `options` are those
-    of the command line (`time`, `terms`, `split`, `delay`, ...). `signals` is the signals file of bags. `progress` is
-    called with a text and a share; by default a notebook or terminal shows one line, False none. Warns of what looks
-    wrong. Raises CesError if the recordings hold too little, have seconds in common, or would make a wrong model
-    (sign, units, delays), unless `ignore_findings`.
+    of the command line (`time`, `terms`, `split`, `delay`, ...). `signals` is the signals file of bags. `teacher` is a
+    simulation whose force is learnt instead of the measured one. `progress` is called with a text and a share; by
+    default a notebook or terminal shows one line, False none. Warns of what looks wrong. Raises CesError if the
+    recordings hold too little, have seconds in common, or would make a wrong model (sign, units, delays), unless
+    `ignore_findings`.
     """
-    from ces_data.reading import as_recordings
+    from ces_data.reading import SIGNALS, as_recordings
+    from ces_gap.augmented import file_of
     from ces_identify.options import IdentifyRequest, list_options
     from ces_identify.scripting.model import identify_model
     from ces_identify.scripting.progress import show_progress
+    from ces_identify.simulations.simulation import replace_force
+    from ces_identify.validation.cost_table import teacher_facts
 
     if not isinstance(structure, str):
         raise CesError(
@@ -98,9 +103,17 @@ def identify(
         raise CesError(
             f"validation: is {validation!r}; expected recordings; a part of each given one is kept by split=0.75"
         )
-    given, held_out = as_recordings(recordings, signals), as_recordings(validation, signals, required=False)
+    subject, name = (None, "") if teacher is None else _open(teacher, "teacher")
+    need = SIGNALS[: 3 if subject is None else 2]
+    given = as_recordings(recordings, signals, need=need)
+    held_out = as_recordings(validation, signals, need=need, required=False)
     with show_progress(progress) as tell:
-        return identify_model(request, given, held_out, tell)
+        if subject is None:
+            return identify_model(request, given, held_out, tell)
+        learnt, kept = ([replace_force(one, subject.force(one)) for one in some] for some in (given, held_out))
+        model = identify_model(request, learnt, kept, tell)
+    facts = teacher_facts(model, model.evaluations, name, file_of(name), [*given, *held_out])
+    return replace(model, provenance={**model.provenance, "teacher": facts})
 
 
 def validate(model: SimulationInput, recordings: RecordingInputs) -> Evaluations:
@@ -298,7 +311,7 @@ def _require_options(function: Callable[..., Any], given: Mapping[str, Any], kno
     from ces_observer.errors import suggest
 
     if unknown := next((name for name in given if name not in known), None):
-        names = dict.fromkeys([*known, *signature(function).parameters])
+        names = dict.fromkeys([*known, *(name for name in signature(function).parameters if name != "options")])
         raise CesError(f"{unknown}: is no option of {function.__name__}{suggest(unknown, names)}")
 
 

@@ -25,7 +25,8 @@ from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
 
 SIGNALS = ("position", "current", "force")
-EXPECTED = {"model": "a model or ", "simulation": "a model, a function or "}  # beside paths, by argument
+ANY = "a model, a function or "
+EXPECTED = {"model": "a model or ", "simulation": ANY, "teacher": ANY}  # beside paths, by argument
 IN_FILES = {
     "set scale: -1 in the signals file of": "multiply by -1",
     "set its scale in the signals file": "scale it",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -51,7 +49,7 @@ from ces_identify.prepare.sampling import choose_motion, describe_motion
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import REASON, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent
+from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent, round_finite, teacher_facts
 from ces_identify.validation.evaluate import VALIDATION, describe_size
 from ces_identify.validation.lacks import head_lines
 from ces_observer.errors import CesError
@@ -178,25 +176,12 @@ def select_identify_function(request: IdentifyRequest) -> Callable[..., Identifi
 
 def with_teacher(result: IdentificationResult, teacher: str, measured: Sequence[Recording]) -> IdentificationResult:
     """Return `result` with its teacher in the model's provenance; `measured` are the recordings as logged."""
-    file = file_of(teacher)
-    rows = [
-        {
-            key: v if isinstance(v, str) else _round_finite(v)
-            for key, v in {**asdict(comparison), "loss": comparison.loss}.items()
-        }
-        for comparison in compare_with_teacher(result.model, result.evaluations, measured)
-    ]
-    sha256 = None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
-    return _with_history(result, "teacher", {"simulation": teacher, "sha256": sha256, "cost_J_percent": rows})
+    facts = teacher_facts(result.model, result.evaluations, teacher, file_of(teacher), measured)
+    return _with_history(result, "teacher", facts)
 
 
 def _with_history(result: IdentificationResult, key: str, facts: object) -> IdentificationResult:
     return replace(result, model=replace(result.model, provenance={**result.model.provenance, key: facts}))
-
-
-def _round_finite(value: float) -> float | None:
-    """Return a cost as the model file stores it; a run that diverged has none."""
-    return round(value, 4) if math.isfinite(value) else None
 
 
 def with_folds(
@@ -215,7 +200,7 @@ def with_folds(
     if any(row.interval is None for row in folds.rows):
         print(f"{NONE}: the free run diverged, or the recording is too short for an interval")
     rows = [
-        {**row, "J_percent": _round_finite(row["J_percent"]), "ci95_percent": bounds and [round(b, 4) for b in bounds]}
+        {**row, "J_percent": round_finite(row["J_percent"]), "ci95_percent": bounds and [round(b, 4) for b in bounds]}
         for row in fold_rows(folds)["rows"]
         for bounds in [row["ci95_percent"]]
     ]

@@ -16,7 +16,7 @@ from ces_data.bags.find import FILES, find_bags
 from ces_data.bags.reader import list_topics, read_recording
 from ces_data.checks.check import check_each
 from ces_data.findings import Finding
-from ces_data.recording import Channel, Recording
+from ces_data.recording import Recording
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import (
     FunctionSimulation,
@@ -25,6 +25,7 @@ from ces_identify.simulations.simulation import (
     Simulation,
     find_predictions,
     function_simulation,
+    replace_force,
 )
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
@@ -182,6 +183,4 @@ def with_predictions(simulation: Simulation, path: Path, recording: Recording, s
 
 def with_teacher_force(teacher: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
     """Return the recording with the teacher's force in place of the measured one."""
-    force = teacher.force(with_predictions(teacher, path, recording, signals))
-    channel = Channel("force", "N", recording.channel("position").stamps_ns, force)
-    return replace(recording, channels={**recording.channels, "force": channel})
+    return replace_force(recording, teacher.force(with_predictions(teacher, path, recording, signals)))

@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from ces_data.arrays import F
-from ces_data.recording import Recording
+from ces_data.recording import Channel, Recording
 from ces_identify.limits import TickLimits
 from ces_identify.prepare.series import PositionSamples, interpolate_force, usable_samples
 from ces_identify.simulations.parameters import (
@@ -154,6 +154,12 @@ def find_predictions(simulation: Simulation) -> RecordedSimulation | None:
     """Return the recorded predictions inside a simulation, None if it computes its force."""
     inside = simulation.innermost
     return inside if isinstance(inside, RecordedSimulation) else None
+
+
+def replace_force(recording: Recording, force: F) -> Recording:
+    """Return the recording with a simulated force [N] (n,) at its position samples in place of the measured one."""
+    channel = Channel("force", "N", recording.channel("position").stamps_ns, force)
+    return replace(recording, channels={**recording.channels, "force": channel})
 
 
 def function_simulation(spec: str) -> FunctionSimulation:

@@ -6,9 +6,11 @@ teacher, teacher against measurement, and model against measurement.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -206,6 +208,26 @@ def compare_with_teacher(
         teacher, own = (cost(truth, x[both]) if enough else np.nan for x in (e.series.force, e.run.force))
         costs.append(DistillationCosts(e.name, e.role, e.cost, teacher, own))
     return tuple(costs)
+
+
+def teacher_facts(
+    model: Model, evaluations: Sequence[Evaluation], teacher: str, file: Path | None, measured: Sequence[Recording]
+) -> dict[str, Any]:
+    """Return what a model's provenance says of its `teacher`, which is in a `file` (None: in none)."""
+    rows = [
+        {
+            key: v if isinstance(v, str) else round_finite(v)
+            for key, v in {**asdict(comparison), "loss": comparison.loss}.items()
+        }
+        for comparison in compare_with_teacher(model, evaluations, measured)
+    ]
+    sha256 = None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
+    return {"simulation": teacher, "sha256": sha256, "cost_J_percent": rows}
+
+
+def round_finite(value: float) -> float | None:
+    """Return a cost as the model file stores it; a run that diverged has none."""
+    return round(value, 4) if math.isfinite(value) else None
 
 
 def _find_measured_force(series: Series, measured: Sequence[Series]) -> F:

@@ -223,6 +223,17 @@ def test_whatever_can_be_compared_can_be_simulated_and_validated(model, tmp_path
     np.testing.assert_array_equal(ces.simulate(MODEL, table), model.simulate(table))
 
 
+def test_a_model_learns_the_force_of_a_teacher():
+    def force(time_s, position_m, current_A):
+        return 900.0 * np.gradient(position_m, time_s)
+
+    learnt = ces.identify(columns(), teacher=force, **QUICK)
+    assert learnt.evaluations[0].cost < 5.0 and "teacher" in learnt.provenance
+    (row, *_) = learnt.provenance["teacher"]["cost_J_percent"]
+    assert row["teacher_to_measured"] > 20.0 and learnt.provenance["teacher"]["simulation"].endswith("<locals>.force")
+    assert ces.identify(without_force(), teacher=force, **QUICK).body == learnt.body
+
+
 def test_stamps_that_are_no_nanoseconds_are_told(model):
     estimator = ces.Estimator(model)
     assert all(estimator.step(k, 0.01, 0.5) is None for k in range(500))
@@ -319,6 +330,11 @@ MISTAKES = {
         "currents: 9 to 9 A; the model knows 0.25.* \\(envelope\\)",
     ),
     "no currents": (lambda m, r: m.force_speed([], 0.1), "currents: expected numbers"),
+    "a teacher": (lambda m, r: ces.identify(r, teacher=3), "teacher: expected a model, a function or a path; got"),
+    "no option": (
+        lambda m, r: ces.identify(r, option=3),
+        "option: is no option of identify; expected one of (?!.*options)",
+    ),
     "a model": (lambda m, r: ces.validate(None, r), "model: expected a model or a path; got None"),
     "no such model": (lambda m, r: ces.Estimator("x.json"), "x.json: no such model file"),
     "a model's type": (lambda m, r: ces.Estimator(5), "model: expected a model or the path of its file; got"),
