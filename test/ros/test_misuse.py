@@ -89,7 +89,7 @@ def test_no_misuse_ends_a_node_or_changes_an_estimate(
         nodes["observer"].interrupt()
         _, output = nodes["observer"].ended()
         assert 1 <= output.count("the estimates restart") <= 4, output  # of more than a hundred times
-        assert output.count("/clock: ignored messages") == 1, output
+        assert output.count("/clock: ignored messages") <= 1, output  # its queue holds one: a busy computer loses some
     compare(vehicle)
 
 
