@@ -95,6 +95,10 @@ def identify(
         )
     _require_options(identify, options, [option.name for option in list_options()])
     request = IdentifyRequest.of({"structure": structure, "ignore_findings": ignore_findings, **options})
+    if isinstance(validation, int | float):
+        raise CesError(
+            f"validation: is {validation!r}; expected recordings; a part of each given one is kept by split=0.75"
+        )
     given, held_out = as_recordings(recordings, signals), as_recordings(validation, signals, required=False)
     with show_progress(progress) as tell:
         return identify_model(request, given, held_out, tell)

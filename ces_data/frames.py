@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,6 +22,7 @@ from ces_observer.errors import CesError, RecordingError
 from ces_observer.signals import UNITS
 
 NAME = "DataFrame"
+TURNED = re.compile(r"(\w+) from '([^']*)' \[[^]]*sign turned\]")  # in what was taken
 EXAMPLE = "columns={'position': {'column': 'x', 'unit': 'mm'}, 'current': 0.5}"
 
 
@@ -69,7 +71,16 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
         warn(f"{name}: {remark}")
     taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
     taken += [text for text in proposal.remarks if text.endswith(NOT_READ)]
-    return replace(to_recording(log, parse_mapping_without_force(content, name)), taken=", ".join(taken))
+    recording = replace(to_recording(log, parse_mapping_without_force(content, name)), taken=", ".join(taken))
+    return warn_of_signs(recording)
+
+
+def warn_of_signs(recording: Recording) -> Recording:
+    """Return the recording; warn of a column that was turned, against which scripts would compare a simulated force."""
+    for signal, column in TURNED.findall(recording.taken):
+        text = f"the sign of '{column}' is turned; position and force, also simulated ones, are positive in compression"
+        warn(f"{recording.name}: {signal}: {text}")
+    return recording
 
 
 def _remedy(doubt: str) -> str:

@@ -14,7 +14,7 @@ from ces_data.bags.find import find_bags
 from ces_data.checks.motion import recorded_motion
 from ces_data.checks.units import unit_findings
 from ces_data.findings import require_usable, warn
-from ces_data.frames import is_table, read_columns, read_frame
+from ces_data.frames import is_table, read_columns, read_frame, warn_of_signs
 from ces_data.log_formats import is_log
 from ces_data.logs import log_import
 from ces_data.logs.log_file import open_log
@@ -121,7 +121,7 @@ def _is_one(value: object) -> bool:
 
 def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recording:
     if is_log(path):
-        return read_log(path, need=need)
+        return warn_of_signs(read_log(path, need=need))
     return read_recording(path, signals=signals, need=need)
 
 

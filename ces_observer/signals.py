@@ -98,38 +98,30 @@ class FieldPath:
 
     def read(self, message: object) -> float:
         """Return the number at this path of `message`; raises SignalsError naming the missing part."""
+        return self.read_named(message)[0]
+
+    def read_named(self, message: object) -> tuple[float, str]:
+        """Return the number, and the path with names in place of indices, as `named` does; raises SignalsError."""
         value: Any = message
+        spelt: list[str] = []
         for name, element in self.steps:
-            parent, value = value, getattr(value, name, None)
+            parent, value, at = value, getattr(value, name, None), name
             if value is None:
                 raise SignalsError(f"field '{self.text}': no '{name}' in {type(parent).__name__}")
             if element is not None:
-                value = value[self._index(parent, value, element)]
+                names = names_beside(parent)
+                index = self._index(names, value, element)
+                value, at = value[index], f"{name}[{(names[index] if index < len(names) else '') or element}]"
+            spelt.append(at)
         try:
-            return float(value)
+            return float(value), self.named(spelt)
         except (TypeError, ValueError):
             raise SignalsError(f"field '{self.text}' is a {type(value).__name__}, not a number") from None
 
-    def by_names(self, message: object) -> str:
-        """Return the path with names in place of indices; '' if the message does not name these elements."""
-        spelt: list[str] = []
-        value: Any = message
-        for name, element in self.steps:
-            parent, value = value, getattr(value, name, None)
-            if element is None:
-                spelt.append(name)
-                continue
-            names = names_beside(parent)
-            at = element if isinstance(element, int) else names.index(element) if element in names else len(names)
-            spelt.append(f"{name}[{names[at] if at < len(names) and names[at] else element}]")
-            value = value[at] if hasattr(value, "__len__") and at < len(value) else None
-        return self.named(spelt)
-
-    def _index(self, parent: object, array: Any, element: int | str) -> int:
+    def _index(self, names: Sequence[str], array: Any, element: int | str) -> int:
         if not hasattr(array, "__len__"):
             raise SignalsError(f"field '{self.text}': a {type(array).__name__} is no array; remove [{element}]")
         if isinstance(element, str):
-            names = names_beside(parent)
             if element not in names:
                 raise SignalsError(f"field '{self.text}': no joint '{element}'; the message has {names or 'no names'}")
             element = names.index(element)
@@ -208,12 +200,12 @@ class Signal:
 
     def make_reader(self) -> Callable[[object], float]:
         """Return a function message -> SI value, which raises SignalsError as `FieldPath` and `ElementNames` do."""
-        read, scale, offset, names = self.field.read, self.scale, self.offset, ElementNames(self.field)
+        names = ElementNames(self.field)
 
         def read_value(message: object) -> float:
-            number = read(message)
-            names.require(self.field.by_names(message))
-            return scale * number + offset
+            number, by_names = self.field.read_named(message)
+            names.require(by_names)
+            return self.scale * number + self.offset
 
         return read_value
 

@@ -88,7 +88,7 @@ class ServedFolder:
         """Yield kind and path of what may be shown; links to folders are not followed, nor what is too deep."""
         count = 0
         for folder, folders, files in os.walk(self.root):
-            here, count = Path(folder), count + len(files)
+            here, count, ours = Path(folder), count + len(files), OURS.intersection(files)
             if METADATA in files and here != self.root:
                 folders.clear()
                 yield RECORDING, here
@@ -97,7 +97,7 @@ class ServedFolder:
             folders[:] = [name for name in folders if _is_shown(name) and not is_end]
             for name in filter(_is_shown, files):
                 kind = SUFFIXES.get(Path(name).suffix.lower(), "")
-                if kind and not (kind == RECORDING and OURS.intersection(files)):
+                if kind and not (kind == RECORDING and ours):
                     yield kind, here / name
 
     def _describe(self, kind: str, path: Path, time_s: float) -> Item | None:

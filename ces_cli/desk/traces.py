@@ -96,7 +96,8 @@ class _Reader(subprocess.Popen[bytes]):
         took = time.monotonic() - self.began
         with suppress(OSError, ValueError, ZeroDivisionError):
             share = float((self.folder / SHARE).read_text(encoding="utf-8"))
-            return f"{size_MB:.0f} MB, {share:.0%} in {took:.0f} s, about {took * (1 - share) / share:.0f} s left"
+            rest = f"about {took * (1 - share) / share:.0f} s left" if share < 1.0 else "preparing the chart"
+            return f"{size_MB:.0f} MB, {share:.0%} in {took:.0f} s, {rest}"
         return f"{size_MB:.1f} MB, {took:.0f} s so far"
 
     def load(self) -> list[Trace]:

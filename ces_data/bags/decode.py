@@ -147,9 +147,10 @@ def describe_layout(raw: bytes, kind: str, paths: Sequence[FieldPath], typestore
     if not walk.at <= len(raw) < walk.at + 4 or not isinstance(record, MessagePart):
         return None
     numbers: list[NumberField | str] = []
-    for path in paths:
+    names = [""] * len(paths)
+    for i, path in enumerate(paths):
         try:
-            value = path.read(message)
+            value, names[i] = path.read_named(message)
             place = find_layout(raw, record, path)
         except SignalsError as error:
             numbers.append(str(error))
@@ -161,7 +162,7 @@ def describe_layout(raw: bytes, kind: str, paths: Sequence[FieldPath], typestore
             return None
         numbers.append(number)
     fixed = np.unique(np.concatenate([np.arange(*span) for span in walk.fixed]))
-    return MessageLayout(fixed, buffer[fixed], tuple(numbers), tuple(path.by_names(message) for path in paths))
+    return MessageLayout(fixed, buffer[fixed], tuple(numbers), tuple(names))
 
 
 def _make_part(description: FieldDesc, typestore: Typestore) -> Part:
@@ -232,7 +233,9 @@ class MessageDecoder:
         if not any(isinstance(element, int) for _, element in path.steps):
             return ""
         try:
-            return path.by_names(self.typestore.deserialize_cdr(raw, self.kind))
+            return path.read_named(self.typestore.deserialize_cdr(raw, self.kind))[1]
+        except SignalsError:
+            return ""
         except DAMAGED as error:
             raise undecodable(self.where, self.kind, error) from None
 
@@ -270,7 +273,7 @@ class MessageDecoder:
         message = self.typestore.deserialize_cdr(raw, self.kind)
         for i, path in enumerate(self.paths):
             try:
-                number, name = path.read(message), path.by_names(message)
+                number, name = path.read_named(message)
                 numbers.append(f"another joint, {name}" if self._contradicts(i, name, 1) else number)
             except SignalsError as error:
                 numbers.append(str(error))

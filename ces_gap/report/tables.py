@@ -203,7 +203,7 @@ def _cause_row(cause: Explanation) -> CauseRow:
 def _find_on_bench(effect: Effect) -> str:
     """Return the column of `ces characterise` in which the effect shows, empty if it is no single one."""
     table, column = effect.bench
-    return f"on a bench: {row_fields(CHARACTERISTICS[table])[column].heading} ({table}.csv)" if table else ""
+    return f"in ces characterise: {row_fields(CHARACTERISTICS[table])[column].heading} ({table}.csv)" if table else ""
 
 
 def explained_table(explanations: Sequence[Explanation]) -> Table[CauseRow]:

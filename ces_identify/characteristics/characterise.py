@@ -180,7 +180,8 @@ def cycle_tables(
             values = measured if source == MEASURED else evaluate_cycles(chosen, source, rules)
             count = int(np.isfinite(values.work_J).sum())
             key = {"source": source, "cycles": count, **columns}
-            read.append(of_source := SourceValues(key, chosen, values, measured, last, rules))
+            of_source = SourceValues(key, chosen, values, measured, last, rules)
+            read += [of_source] * (count > 0)
             for name, make_rows in ROWS_OF.items():
                 if count >= (1 if name == "peak_velocity" else DynoLimits.MIN_REPEATS):
                     tables[name] += make_rows(of_source)

@@ -36,7 +36,8 @@ def list_ranges(rows: Sequence[CurrentForce]) -> tuple[ControlRange, ...]:
     """Return the range of each source, test point and direction."""
     flip, ranges = _hard_is_low(rows), dict[Key, ControlRange]()
     for key, curve in group_curves(rows).items():
-        ranges[key] = _make_range(curve[::-1] if flip else curve, ranges.get((MEASURED, *key[1:])))
+        if len(curve) > 1:
+            ranges[key] = _make_range(curve[::-1] if flip else curve, ranges.get((MEASURED, *key[1:])))
     return tuple(ranges.values())
 
 
@@ -132,6 +133,8 @@ def _make_range(curve: Sequence[CurrentForce], measured: ControlRange | None) ->
     resists, width = sign * soft.force_N > 0.0, sign * (hard.force_N - soft.force_N)
     ratio = hard.force_N / soft.force_N if resists else np.nan
     relative = [(sd / row.force_N, n) for row, (sd, n) in zip((soft, hard), spreads, strict=True)]
+    if measured is not None and (measured.soft_A, measured.hard_A) != (soft.current_A, hard.current_A):
+        measured = None  # a simulation without a force at an end
     widest = max((row for row in curve if np.isfinite(row.width_N)), key=lambda row: abs(row.width_N), default=None)
     shared = {
         name: getattr(soft, name) for name in ("source", "direction", "target_m_s", "amplitude_m", "frequency_Hz")

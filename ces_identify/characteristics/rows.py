@@ -379,7 +379,7 @@ def find_omissions(
         reason = NO_STEPS_READ if steps else NO_STEPS
         yield Omission(subject="response of the valve", recording=ALL, reason=reason)
     yield from _count("rows of the work per cycle", ALL, [row.note for row in tables["work"]])
-    for speed in set(rules.speeds_m_s) - {row.target_m_s for row in tables["peak_velocity"]}:
+    for speed in sorted(set(rules.speeds_m_s) - {row.target_m_s for row in tables["peak_velocity"]}):
         reason = f"no stroke is within {100 * rules.speed_tolerance:g} % of it"
         yield Omission(subject=f"target speed {speed:g} m/s", recording=ALL, reason=reason)
 

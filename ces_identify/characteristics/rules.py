@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from ces_data.config_file import read_yaml_mapping
+from ces_data.reading import as_path
 from ces_identify.limits import DynoLimits
 from ces_observer.errors import CesError
 from ces_observer.records import choice, part, quantity, read_record, walk_record
@@ -98,7 +98,7 @@ def load_rules(rules: RulesInput) -> BenchRules:
         return rules or BenchRules()
     if isinstance(rules, Mapping):
         return read_record(BenchRules, rules, "rules", CesError)
-    return read_record(BenchRules, read_yaml_mapping(Path(rules), WHAT), str(rules), CesError)
+    return read_record(BenchRules, read_yaml_mapping(as_path(rules, "rules"), WHAT), str(rules), CesError)
 
 
 def list_rules(rules: BenchRules) -> Iterator[tuple[str, str, str, str]]:

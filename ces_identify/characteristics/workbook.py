@@ -67,6 +67,7 @@ def _heads(row: Any) -> list[tuple[str, ...]]:
 def _add_sheet(book: Any, name: str, rows: Iterable[Sequence[object]]) -> None:
     """Add a sheet; a text is never a formula."""
     sheet = book.create_sheet(name)
+    sheet.sheet_format.defaultColWidth = 16  # letters
     for number, row in enumerate(rows, 1):
         for column, value in enumerate(row, 1):
             if isinstance(value, float) and not math.isfinite(value):

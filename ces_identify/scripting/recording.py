@@ -27,6 +27,7 @@ from ces_report.typesetting import format_alike
 
 MAX_RATE_HZ = 1e6  # [Hz] a stamp is a whole number of ns
 MAX_TIME_S = 8e9  # [s] beyond it, a stamp would not fit 64 bits
+TABLES = (".csv", ".txt", ".parquet", ".json", ".mat", ".xlsx")  # that no bag is
 EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
 
 
@@ -128,7 +129,12 @@ class Recording(recording.Recording):
 
     def save(self, path: PathInput, *, overwrite: bool = False) -> None:
         """Write a rosbag2 folder with the topics of the packaged signals file. Raises CesError."""
-        write_bag(as_path(path, "path"), recording_topics(self, load_signals()), overwrite=overwrite)
+        target = as_path(path, "path")
+        if target.suffix.lower() in TABLES:
+            raise CesError(
+                f"{target}: a recording is saved as a bag, a folder; a table is written by to_frame().to_csv(...)"
+            )
+        write_bag(target, recording_topics(self, load_signals()), overwrite=overwrite)
 
     def __repr__(self) -> str:
         taken = f"\n{self.taken}" if self.taken else ""

@@ -281,7 +281,7 @@ class FieldLayout:
 
     `offset` and the spans (start, end) count from the first byte of the encapsulation; `code` is the number's type in
     the module struct. `runs` are the same spans joined across the meaningless padding between them. `by_names` is the
-    path with the names of elements that it takes by index, as `FieldPath.by_names` returns it.
+    path with the names of elements that it takes by index, as `FieldPath.named` returns it.
     """
 
     length: int

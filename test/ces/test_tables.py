@@ -82,6 +82,10 @@ SAID = {
         "expected a number; give a decimal point",
     ),
     "times in ms that are named s": (lambda: ces.Recording.from_frame(table(t_s=1e3 * T)), "if the times are in ms"),
+    "a force that pulls in compression": (
+        lambda: ces.Recording.from_frame(table(F_kN=-1e-3 * FORCE)),
+        "force: the sign of 'F_kN' is turned; position and force, also simulated",
+    ),
     "newtons that are named kN": (lambda: ces.Recording.from_frame(table(F_kN=FORCE)), "if it is in N, not kN"),
     "millimetres in position_m": (
         lambda: ces.Recording.from_arrays(T, 1e3 * X, 0.5),

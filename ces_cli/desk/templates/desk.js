@@ -29,13 +29,12 @@ async function draw(from, to) {  // with as much again on both sides, so that mo
   const answer = await fetch(`/traces?${ask}`), found = answer.ok ? await answer.json() : {problem: await answer.text()};
   if (number !== shown) return;
   byId("note").textContent = found.problem ?? (found.reading ? `reading: ${found.reading}` : "");
-  if (found.reading) setTimeout(draw, 300, from, to);
-  if (!found.traces) return;
+  if (!found.traces) return found.reading && setTimeout(draw, 300, from, to);
   whole = found.whole;
   const count = found.traces.length, ink = colour("--ink"), grid = colour("--grid"), layout = {
-    shapes: chosenRange(), selections: [], dragmode: "select", selectdirection: "h", showlegend: false, uirevision: chart.dataset.open,
+    shapes: chosenRange(), selections: [], dragmode: chart.layout?.dragmode ?? "select", selectdirection: "h", showlegend: false,
     margin: {l: 76, r: 8, t: 8, b: 40}, paper_bgcolor: "transparent", plot_bgcolor: "transparent", font: {color: ink}, modebar: {bgcolor: "transparent", color: colour("--soft"), activecolor: ink},
-    xaxis: {range: [from ?? whole[0], to ?? whole[1]], title: {text: "time [s]"}, gridcolor: grid, zeroline: false, anchor: count > 1 ? `y${count}` : "y"},
+    xaxis: {range: [from ?? whole[0], to ?? whole[1]], title: {text: "time [s]", standoff: 4}, gridcolor: grid, zeroline: false, anchor: count > 1 ? `y${count}` : "y"},
   };
   const data = found.traces.map((trace, k) => {
     const axis = k ? k + 1 : "", domain = [1 - (k + 0.92) / count, 1 - k / count], title = {text: `${trace.name} [${trace.unit}]`};
@@ -46,6 +45,7 @@ async function draw(from, to) {  // with as much again on both sides, so that mo
   await Plotly.react(chart, data, layout, {scrollZoom: true, displaylogo: false, responsive: true, modeBarButtonsToRemove: buttons});
   if (!isFirst) return;
   chart.on("plotly_selected", event => event?.range && setRange(...event.range.x));
+  chart.on("plotly_deselect", () => draw());  // a double click
   chart.on("plotly_relayout", event => {
     if (event["xaxis.autorange"]) draw();
     else if (Object.keys(event).some(key => key.startsWith("xaxis.range"))) draw(...chart.layout.xaxis.range);
@@ -89,8 +89,8 @@ for (const kind of ["dragover", "dragleave", "drop"]) document.addEventListener(
 
 document.addEventListener("click", ({target}) => target.id === "copy" && navigator.clipboard.writeText(byId("command").textContent));
 async function follow() {
+  byId("lines")?.scrollTo(0, 1e6);
   if (byId("job")?.dataset.state !== "running") return;
-  byId("lines").scrollTop = 1e6;
   await new Promise(done => setTimeout(done, 1000));
   await refresh("commands", "lists", "job");
   follow();

@@ -32,15 +32,22 @@ def read_one(raw, kind, paths, names=()):
     numbers = []
     for path, first in zip(paths, names or [""] * len(paths), strict=True):
         try:
-            name = path.by_names(message)  # a number of another joint than the first message's is none
-            numbers.append("another joint" if name and first and name != first else path.read(message))
+            number, name = path.read_named(message)  # a number of another joint than the first message's is none
+            numbers.append("another joint" if name and first and name != first else number)
         except SignalsError as error:
             numbers.append(str(error))
     return numbers
 
 
+def name_of(message, path):
+    try:
+        return path.read_named(message)[1]
+    except SignalsError:
+        return ""
+
+
 def slow_twin(payloads, kind, paths):
-    names = [path.by_names(STORE.deserialize_cdr(payloads[0], kind)) for path in paths] if payloads else ()
+    names = [name_of(STORE.deserialize_cdr(payloads[0], kind), path) for path in paths] if payloads else ()
     read = [read_one(raw, kind, paths, names) for raw in payloads]
     rows = [[np.nan if isinstance(x, str) else x for x in row] for row in read]
     present = [[not isinstance(x, str) for x in row] for row in read]

@@ -98,6 +98,26 @@ def test_a_valve_that_is_hard_without_current_has_its_range_the_other_way():
     assert compression.range_N > 0.0 < rebound.range_N
 
 
+def test_a_simulation_has_its_range_beside_the_measured_one_where_it_has_a_force_at_both_ends():
+    recording = bench_programme()
+    force, current = recording.channel("force").values, recording.channel("current").values
+    partial = np.where(current > 0.8, np.nan, force)
+    results = characterise(recording, simulations={"softer": [0.9 * force], "partial": [partial]})
+    rows = {(row.source, row.direction, row.amplitude_m, row.frequency_Hz): row for row in results.ranges}
+    for (source, *point), row in rows.items():
+        measured = rows["measured", *point]
+        if source == "softer":
+            assert row.difference_N == pytest.approx(-0.1 * measured.range_N)
+            assert row.difference_ratio == pytest.approx(0.0, abs=1e-9)
+        else:
+            assert np.isnan(row.difference_N)
+    assert all(
+        row.difference_N == pytest.approx(-0.1 * row.force_N / 0.9)
+        for row in results.over_current
+        if row.source == "softer"
+    )
+
+
 def test_the_gas_force_is_added_and_the_raw_force_stays():
     plain, corrected = (characterise(bench_programme(), rules=rules) for rules in ({}, {"gas_force_N": -230.0}))
     for row, truth in zip(corrected.peak_velocity, plain.peak_velocity, strict=True):
