@@ -167,7 +167,8 @@ class Model:
     @property
     def operating_range(self) -> OperatingRange:
         """The rate and ranges for which its structure is run and proved."""
-        return OperatingRange(self.sampling.rate_Hz, self.envelope.by_signal, self.force_envelope_N)
+        rate_Hz, ranges = self.sampling.rate_Hz, self.envelope.by_signal
+        return OperatingRange(rate_Hz, ranges, self.force_envelope_N, self.used_gap_A)
 
     def make_predictor(self) -> Predictor:
         """Return a new free run."""

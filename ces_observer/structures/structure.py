@@ -38,12 +38,13 @@ class OperatingRange:
     """The rate and ranges for which a structure is run and proved.
 
     Inputs are clamped to their ranges, unless the structure extrapolates; a force outside `force_N` [N] is held at its
-    nearest end.
+    nearest end. A current within `current_gap_A` [A] counts as outside, and is used as it is.
     """
 
     rate_Hz: float
     inputs: Ranges
     force_N: Range
+    current_gap_A: Range | None = None
 
 
 class Predictor(Protocol):
@@ -144,6 +145,8 @@ class Structure(ABC):
         ranges = (*(within.inputs[name] if name in self.uses else ANY for name in INPUTS), within.force_N)
         ends = [min(max(end, -float_info.max), float_info.max) for ends in ranges for end in ends]
         layout.put(model.POSITION_LOW, ends)
+        if within.current_gap_A is not None:
+            layout.put(model.GAP_LOW, within.current_gap_A)
         layout.p[model.RATE] = within.rate_Hz
         layout.n[model.KIND] = self.number
         self.fill(layout, within)

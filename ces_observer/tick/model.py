@@ -9,10 +9,11 @@ from math import inf, isfinite
 
 from ces_observer.tick.arrays import Floats, Ints
 
-# p: ranges [m, m/s, A, N], the rate [Hz], and the numbers of the band
+# p: ranges [m, m/s, A, N], the currents between which none was recorded [A], the rate [Hz], and the numbers of the band
 (
-    POSITION_LOW, POSITION_HIGH, SPEED_LOW, SPEED_HIGH, CURRENT_LOW, CURRENT_HIGH, FORCE_LOW, FORCE_HIGH, RATE, P_BAND,
-) = range(10)  # fmt: skip
+    POSITION_LOW, POSITION_HIGH, SPEED_LOW, SPEED_HIGH, CURRENT_LOW, CURRENT_HIGH, FORCE_LOW, FORCE_HIGH,
+    GAP_LOW, GAP_HIGH, RATE, P_BAND,
+) = range(12)  # fmt: skip
 P_STRUCTURE = 48
 
 # n: which structure, ticks of warm-up, whether there is a band
@@ -45,11 +46,12 @@ def hold_force(p: Floats, k: Ints, force: float) -> float:
 
 
 def is_clamped(p: Floats, position: float, speed: float, current: float) -> bool:
-    """Return whether an input [m, m/s, A] lies outside its range, or is no number."""
+    """Return whether an input [m, m/s, A] lies outside its range, or in the gap of the currents, or is no number."""
     return not (
         p[POSITION_LOW] <= position <= p[POSITION_HIGH]
         and p[SPEED_LOW] <= speed <= p[SPEED_HIGH]
         and p[CURRENT_LOW] <= current <= p[CURRENT_HIGH]
+        and not p[GAP_LOW] < current < p[GAP_HIGH]
     )
 
 

@@ -14,6 +14,7 @@ from ces_identify.polynomial.problem import find_current_gap
 ROOT = Path(__file__).resolve().parents[2]
 T = np.arange(0.0, 3.0, 0.002)
 X = 0.02 * np.sin(2 * np.pi * 2.0 * T)
+STAMPS_NS = np.round(1e9 * T).astype(int).tolist()
 
 
 @pytest.mark.parametrize(
@@ -47,3 +48,13 @@ def test_currents_in_the_gap_are_warned_of_wherever_the_model_runs(tmp_path):
     driven = {"time_s": T, "position_m": X, "current_A": 0.3, "force_N": 3000.0 * np.gradient(X, T)}
     page = holed.report(tmp_path / "page.html", driven).read_text(encoding="utf-8")
     assert "Currents between 0.35 and 0.65 A: none was recorded" in page
+
+
+@pytest.mark.parametrize(("current_A", "is_outside"), [(0.34, False), (0.5, True), (0.66, False)])
+def test_the_estimator_counts_a_current_in_the_gap_as_outside_and_keeps_its_force(current_A, is_outside):
+    model = ces.Model.load(ROOT / "config/models/sample.json")
+    holed = replace(model, envelope=replace(model.envelope, current_gap_A=(0.35, 0.65)))
+    plain, estimator = ces.Estimator(model), ces.Estimator(holed)
+    forces = [(plain.step(n, x, current_A), estimator.step(n, x, current_A)) for n, x in zip(STAMPS_NS, X, strict=True)]
+    assert estimator.clamped == is_outside
+    assert forces[-1][0] == forces[-1][1] is not None
