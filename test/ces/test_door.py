@@ -148,6 +148,10 @@ DOUBTS = {
         lambda m, r: ces.simulate(m, time_s=T, position_m=X, current_A=500.0),
         "multiply it by 0.001 if it is in mA",
     ),
+    "a short ride": (
+        lambda m, r: m.simulate(T[:300], X[:300], 0.5),
+        "no force for 83.3 % of the time: a warm-up of 0.5",
+    ),
     "another damper": (lambda m, r: ces.validate(m, columns(current_A=0.0 * T)), "outside the model's envelope for"),
     "other signs": (
         lambda m, r: m.validate(
@@ -198,6 +202,25 @@ def test_simulations_come_alone_in_a_list_or_by_name_and_recordings_by_globs(mod
     assert [one.name for one in twice.models] == ["polynomial_narx", "polynomial_narx 2"]
     named = ces.characterise(ROAD, model=MODEL), ces.characterise(ROAD, model={"mine": model})
     assert [one.sources for one in named] == [("measured", "sample"), ("measured", "mine")]
+
+
+def test_whatever_can_be_compared_can_be_simulated_and_validated(model, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame(columns())
+
+    def force(time_s, position_m, current_A, *, scale=1.0):
+        return scale * 1500.0 * current_A * np.tanh(np.gradient(position_m, time_s) / 0.1)
+
+    np.testing.assert_allclose(ces.simulate(force, T, X, CURRENT), FORCE)
+    simulated = ces.simulate(force, table)
+    assert simulated.index.equals(table.index)
+    half = ces.calibrate(force, columns(force_N=0.5 * FORCE))
+    np.testing.assert_allclose(ces.simulate(half.simulation, table), 0.5 * FORCE, rtol=1e-3)
+    half_too_much, (exact,) = ces.validate(lambda t, x, i: 1.5 * force(t, x, i), table), ces.validate(force, table)
+    assert (exact.cost, exact.rms_N) == pytest.approx((0.0, 0.0), abs=1e-6)
+    (pair,) = ces.compare([force, lambda t, x, i: 1.5 * force(t, x, i)], table).pairs
+    assert half_too_much[0].cost == pytest.approx(-pair.pooled.value) and "unknown 5.5 s" in repr(half_too_much)
+    np.testing.assert_array_equal(ces.simulate(MODEL, table), model.simulate(table))
 
 
 def test_stamps_that_are_no_nanoseconds_are_told(model):

@@ -53,7 +53,21 @@ def test_a_named_column_is_not_turned():
 
 def test_what_was_found_is_shown():
     shown = repr(ces.Recording.from_frame(table(), columns={"current": "I_A"}))
-    assert "position from 'x_mm' [mm to SI], force from 'F_kN' [kN to SI]" in shown and "current from" not in shown
+    assert (
+        "position from 'x_mm' [mm to SI], force from 'F_kN' [kN to SI]" in shown and "current from 'I_A' [A]" in shown
+    )
+
+
+@pytest.mark.parametrize("named", [{}, {"position": "stroke"}, {"position": {"column": "stroke"}}], ids=str)
+def test_a_unit_that_is_a_guess_is_not_taken_for_a_named_column_either(named):
+    content = table(x_mm=None, stroke=2e3 * X)
+    with pytest.raises(
+        ces.CesError, match=r"taken as mm, .*; say its unit: columns={'position': {'column': 'stroke', "
+    ):
+        ces.Recording.from_frame(content, columns=named)
+    said = ces.Recording.from_frame(content, columns={"position": {"column": "stroke", "unit": "mm"}})
+    np.testing.assert_allclose(values(said, "position"), 2.0 * X)
+    assert "position from 'stroke' [mm]" in repr(said)
 
 
 @pytest.mark.parametrize("kind", ["datetime64[us]", "timedelta64[us]", "datetime64[ns]"])
