@@ -23,7 +23,8 @@ from ces_observer.errors import CesError
 RECORDING, MODEL, REPORT = "recording", "model", "report"
 SUFFIXES = dict.fromkeys({*KINDS, *FILES}, RECORDING) | {".json": MODEL, ".html": REPORT}
 METADATA = "metadata.yaml"  # of a bag
-OURS = {"characteristics.html", "gap.json", "results.csv", "fleet.csv"}  # beside them stand tables, no logs
+RESULTS = {"results.csv": "campaign", "fleet.csv": "fleet"}
+OURS = {"characteristics.html", "gap.json", *RESULTS}  # beside them stand tables, no logs
 MAX_PATH, MAX_NAME = 1024, 120  # letters of a path in a URL, and of an uploaded file
 MAX_DEPTH, MAX_FILES, MAX_ITEMS = 12, 100_000, 500
 MAX_JSON_BYTES, HEAD_BYTES = 8_000_000, 4096
@@ -96,7 +97,7 @@ class ServedFolder:
             is_end = len(here.relative_to(self.root).parts) >= MAX_DEPTH or count > MAX_FILES
             folders[:] = [name for name in folders if _is_shown(name) and not is_end]
             for name in filter(_is_shown, files):
-                kind = SUFFIXES.get(Path(name).suffix.lower(), "")
+                kind = REPORT if name in RESULTS else SUFFIXES.get(Path(name).suffix.lower(), "")
                 if kind and not (kind == RECORDING and ours):
                     yield kind, here / name
 
@@ -157,8 +158,8 @@ def _describe_model(path: Path) -> str:
 def _describe_page(path: Path) -> str:
     """Return the title of a page of ours, or the sentence of the diagnosis that it shows; '' for other pages."""
     head, gap = _read_head(path), path.with_name("gap.json")
-    if GENERATOR not in head:
-        return ""
+    if path.name in RESULTS or GENERATOR not in head:
+        return RESULTS.get(path.name, "")
     if path.name == "report.html" and gap.is_file():
         return str(_read_object(gap)["sentence"])
     title = TITLE.search(head)

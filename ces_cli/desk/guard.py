@@ -8,7 +8,6 @@ import ipaddress
 
 from flask import Flask, Response, request
 
-OTHER_SITES = ("cross-site", "same-site")  # of a request, in Sec-Fetch-Site
 POLICY = "Content-Security-Policy"
 EMPTY_STYLE = "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"  # the style element that plotly.js fills
 HEADERS = {
@@ -35,12 +34,12 @@ def protect(app: Flask, token: str) -> None:
     def check() -> Response | None:
         asked, is_entry = request.headers, request.path == "/" and "token" in request.args
         given = request.args["token"] if is_entry else request.cookies.get(cookie, "")
-        is_other = asked.get("Sec-Fetch-Site") in OTHER_SITES and asked.get("Sec-Fetch-Mode") != "navigate"
+        site, mode = asked.get("Sec-Fetch-Site"), asked.get("Sec-Fetch-Mode")
         is_page = request.method != "POST" or asked.get("Origin") == f"http://{request.host}"
         refusals = {
             "405 this server takes GET, HEAD and POST": request.method not in ("GET", "HEAD", "POST"),
             "421 unknown Host; open the address that ces serve has printed": not is_own_name(request.host),
-            "403 requests from other sites are refused": is_other,
+            "403 requests from other sites are refused": site in ("cross-site", "same-site") and mode != "navigate",
             "403 only pages of this server change anything": not is_page,
             "403 open the address that ces serve has printed": not hmac.compare_digest(given.encode(), token.encode()),
         }

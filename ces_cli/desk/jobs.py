@@ -1,6 +1,6 @@
 """Jobs: a program run as a process of its own, in a folder with its results that keeps its command, lines and status.
 
-It outlives the server, which knows nothing of it but what is there: its processes hold a lock on the file of lines.
+No child of the server, it outlives it. All that is known of it is there: its processes hold a lock on the log.
 """
 
 from __future__ import annotations
@@ -28,11 +28,10 @@ NAME = re.compile(r"([0-9]{2,6})_[a-z]+")
 COMMAND, LOG, STATUS = "command", "log", "status"
 RUNNING, CANCELLED = "running", "cancelled"
 STATES = {"ended 0": "done", CANCELLED: CANCELLED}  # others have failed, or were interrupted, as by a power cut
-TAIL_BYTES = 1 << 16  # of the lines that are shown
-GRACE_S = 3.0  # [s] for a program to remove what is half written
+TAIL_BYTES, GRACE_S = 1 << 16, 3.0  # of the lines that are shown, and for a program to remove what is half written [s]
 HEARTBEAT = re.compile(r" *[0-9]+ s  ")
-ENVIRONMENT = "PYTHONSAFEPATH=1 PYTHONUNBUFFERED=1 COLUMNS=110"
-SCRIPT = f'(echo "process $$" > "$0"; {ENVIRONMENT} "$@"; echo "ended $?" > "$0") &'  # no child of the server
+START = ("-P", "-m", "ces_cli.main")
+SCRIPT = '(echo "process $$" > "$0"; PYTHONSAFEPATH=1 PYTHONUNBUFFERED=1 COLUMNS=110 "$@"; echo "ended $?" > "$0") &'
 STRUCTURES: Sequence[str] = next(option.choices for option in list_options() if option.name == STRUCTURE)
 PLAIN = re.compile(r"(?!-)[\w .,+()=/-]+")  # a path that no program reads as an option, a pattern or a name in a file
 PROGRAMS = {  # the least and the most models, and the words; those in capitals stand for what is chosen
@@ -140,12 +139,10 @@ class Jobs:
                 raise CesError(f"{folder} exists; go back to the page and press again")
             path.mkdir()
             (path / COMMAND).write_text(shlex.join(["ces", program, *words]), encoding="utf-8")
-            shell = ["sh", "-c", SCRIPT, str(path / STATUS), sys.executable, "-P", "-m", "ces_cli.main", program]
+            run = ["sh", "-c", SCRIPT, str(path / STATUS), sys.executable, *START, program, *words]
             with (path / LOG).open("wb") as log:
                 fcntl.flock(log, fcntl.LOCK_EX)
-                Popen(
-                    [*shell, *words], stdin=DEVNULL, stdout=log, stderr=log, cwd=self._root, start_new_session=True
-                ).wait()
+                Popen(run, stdin=DEVNULL, stdout=log, stderr=log, cwd=self._root, start_new_session=True).wait()
             return int(folder.partition("_")[0])
 
     def cancel(self, number: int) -> None:

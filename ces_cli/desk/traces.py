@@ -32,7 +32,7 @@ from ces_observer.errors import CesError
 
 BLOCK = 64  # samples whose extremes are kept: 10 million samples are 160,000 blocks, searched in 1 ms
 MAX_RAW = 2  # samples of a pixel that are shown as they are
-MAX_OPEN = 4  # recordings
+MAX_OPEN, FRESH_S = 4, 10.0  # recordings, and [s] for which one that changes is not read again
 MAX_S, MAX_BYTES = 900, 16 << 30  # of reading [s], and of its memory and of each file
 NAMES, ERRORS, SHARE = "names.json", "errors", "share"  # files that the reading process leaves
 ARRAYS = ("time_s", "values", "blocks")
@@ -84,8 +84,9 @@ class Trace:
 class _Reader(subprocess.Popen[bytes]):
     """The process that reads a recording, or has read it, into a folder."""
 
-    def __init__(self, path: Path, signals: str) -> None:
-        self.began, self._folder = time.monotonic(), tempfile.TemporaryDirectory(prefix="ces-serve-")
+    def __init__(self, path: Path, stamps: list[tuple[int, int]], signals: str) -> None:
+        self.began, self.stamps, self.until = time.monotonic(), stamps, time.monotonic() + FRESH_S
+        self._folder = tempfile.TemporaryDirectory(prefix="ces-serve-")
         self.folder = Path(self._folder.name)
         with (self.folder / ERRORS).open("wb") as errors:
             words = [sys.executable, "-P", "-m", __name__, str(path), str(self.folder), signals]
@@ -121,15 +122,18 @@ class Traces:
 
     def __init__(self, signals: str = "") -> None:
         self._signals, self._lock = signals, threading.Lock()
-        self._readers: dict[str, _Reader] = {}  # by path and stamps, the latest used last
+        self._readers: dict[Path, _Reader] = {}  # the latest used last
 
     def ask(self, path: Path, bounds: tuple[float, float] | None, pixels: int) -> dict[str, Any]:
         """Return the window of a recording (None: all of it) as JSON, or how far its reading is. Raises CesError."""
         files = [path, *sorted(path.iterdir())] if path.is_dir() else [path]
         stamps = [(status.st_mtime_ns, status.st_size) for status in (file.stat() for file in files)]
         with self._lock:
-            key = f"{path} {stamps}"
-            self._readers[key] = reader = self._readers.pop(key, None) or _Reader(path, self._signals)
+            reader = self._readers.pop(path, None)
+            if reader and reader.stamps != stamps and reader.poll() is not None and time.monotonic() > reader.until:
+                reader.drop()
+                reader = None
+            self._readers[path] = reader = reader or _Reader(path, stamps, self._signals)
             for old in list(self._readers)[:-MAX_OPEN]:
                 self._readers.pop(old).drop()
         if reader.poll() is None:
@@ -152,10 +156,9 @@ def main(path: str, out: str, signals: str) -> int:
         (Path(out) / SHARE).write_text(f"{share}", encoding="utf-8")
 
     try:
-        if is_log(Path(path)):
-            recording = propose_mapping(Path(path), need=(), progress=listen).read()
-        else:
-            recording = read_recording(Path(path), load_signals(Path(signals) if signals else None), ())
+        file, described = Path(path), load_signals(Path(signals) if signals else None)
+        log = propose_mapping(file, need=(), progress=listen) if is_log(file) else None
+        recording = log.read() if log else read_recording(file, described, ())
         channels = [channel for channel in recording.channels.values() if len(channel)]
         starts = {channel.name: int(channel.stamps_ns.min()) for channel in channels}
         start_ns = starts.get("position", min(starts.values(), default=0))  # as --part counts

@@ -202,7 +202,7 @@ def test_a_recorder_in_snapshot_mode_writes_the_seconds_around_a_request(
 ) -> None:
     recorder = SnapshotRecorder(vehicle, tmp_path / asked_by)
     try:
-        start(snapshot_service=recorder.service, snapshot_after_s=0.5, cost_window_s=3, cost_warn_J=20.0)
+        start(snapshot_service=recorder.service, snapshot_after_s=2.0, cost_window_s=3, cost_warn_J=20.0)
         vehicle.meets_node()
         recorder.meets(vehicle)
         with vehicle.driving(), vehicle.measuring(1.5 if asked_by == "drift" else 1.0):

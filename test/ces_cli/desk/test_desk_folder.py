@@ -40,6 +40,9 @@ def test_tables_of_results_and_files_of_other_programs_are_no_recordings(tmp_pat
     assert len(lines(tmp_path)) == 5
     (tmp_path / "rig.csv").write_text("time_s,position_m\n")
     assert len(lines(tmp_path)) == 6
+    (tmp_path / "sizes").mkdir()
+    (tmp_path / "sizes" / "results.csv").write_text("key,status\n")
+    assert lines(tmp_path)["sizes/results.csv"] == "campaign"
 
 
 def test_files_that_cannot_be_read_say_why(tmp_path: Path) -> None:
