@@ -20,6 +20,7 @@ from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ces_observer import __version__ as __version__
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
 from ces_observer.lazy_names import import_on_use

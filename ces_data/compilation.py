@@ -16,10 +16,11 @@ class CompilationNotice(event.Listener):  # type: ignore[misc]  # numba has no t
         self._tell: Callable[[str], object] | None = tell
         event.register("numba:compile", self)
 
-    def on_start(self, _: event.Event) -> None:
-        """Tell it, once."""
-        tell, self._tell = self._tell, None
-        if tell is not None:
+    def on_start(self, started: event.Event) -> None:
+        """Tell it, once, unless the kernel is a user's own."""
+        function = getattr((started.data or {}).get("dispatcher"), "py_func", None)
+        if self._tell is not None and str(getattr(function, "__module__", "")).startswith("ces_"):
+            tell, self._tell = self._tell, None
             tell(NOTICE)
 
     def close(self) -> None:

@@ -18,7 +18,7 @@ from ces_observer.errors import RecordingError
 
 ERROR, WRONG_MODEL, WARNING = SEVERITIES = ("error", "wrong model", "warning")  # worst first
 SECOND = 1e9
-SUITE = ("ces", "ces_cli", "ces_data", "ces_gap", "ces_identify", "ces_rig")
+SUITE = ("ces", "ces_cli", "ces_data", "ces_gap", "ces_identify", "ces_rig", "numba", "contextlib")
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,8 @@ def _(diagnosis: Diagnosis) -> tuple[Sequence[str], Table[CauseRow]]:
     gap = diagnosis.gap
     rms, interval = format_within(gap.rms_N, *gap.ci95_N)
     size = f"Gap {rms} N RMS ({interval}) on held-out recordings, J {three_figures(gap.cost_J)} %."
-    return [f"{diagnosis.sentence}", size, f"Next: {_next_step(diagnosis)}"], cause_table(diagnosis)
+    step = _next_step(diagnosis, ' (written by out="FOLDER"; ces.simulate runs it)')
+    return [f"{diagnosis.sentence}", size, f"Next: {step}"], cause_table(diagnosis)
 
 
 @summarize_result.register
@@ -204,8 +205,8 @@ def after_ci95_N(explanation: Explanation) -> Interval | None:
     return low, high
 
 
-def _next_step(d: Diagnosis) -> str:
-    """Return what to do after this diagnosis."""
+def _next_step(d: Diagnosis, writing: str = "") -> str:
+    """Return what to do after this diagnosis; `writing` says how to come by its file where that may not be there."""
     if d.next_experiment is not None:
         purpose = d.next_experiment.purpose
         return f"Record the experiment {effect_name(d.next_experiment.name)} (below): {purpose.rstrip('.')}."
@@ -217,7 +218,7 @@ def _next_step(d: Diagnosis) -> str:
     if d.verdict == NO_GAP:
         return "Nothing: simulation and measurement agree within what can be seen."
     if d.verdict == NAMED:
-        return f"Use augmented.json, the simulation with {join_effect_names(d.composition.effects)}."
+        return f"Use augmented.json{writing}, the simulation with {join_effect_names(d.composition.effects)}."
     references = "" if d.correction is not None else ", and references that are free of the effect"
     return f"Record other strokes and currents{references}."
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import ces
+import ces_observer
 from ces_data.samples import without_spikes
 from ces_identify.options import list_options
 from ces_identify.scripting import progress
@@ -66,6 +68,19 @@ def test_the_page_has_every_name_and_every_keyword():
 def test_importing_it_imports_nothing_heavy():
     code = "import sys, ces; assert not {'numba', 'scipy', 'numpy', 'matplotlib', 'pandas'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_it_has_a_version():
+    assert ces.__version__ == ces_observer.__version__
+
+
+def test_a_script_hears_that_kernels_are_compiled_but_not_of_its_own(tmp_path):
+    code = "import sys, numba, ces, ces_identify.scripting\n"
+    code += "numba.njit(lambda x: x + 1)(1); print('own', file=sys.stderr)\n"
+    code += "ces.Recording.load('bags/road')"
+    more = {"env": {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}, "text": True, "capture_output": True}
+    before, after = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, **more).stderr.split("own\n")
+    assert not before and after.startswith("<string>:3: UserWarning: compiling numerical kernels, once on this"), after
 
 
 def test_packages_are_marked_as_typed():

@@ -355,6 +355,7 @@ def test_the_closest_effect_is_the_same_in_the_sentence_the_bars_and_the_key_fig
 def test_the_parts_of_a_diagnosis_print_a_few_lines_and_a_table():
     """They printed up to 20 kB of records within records."""
     for d in (named(), pair(), ambiguous(), unknown(), no_gap()):
+        assert ("augmented.json" in repr(d)) == ('augmented.json (written by out="FOLDER"; ces.simulate' in repr(d))
         for part in (d.causes, d.composition, d.next_experiment):
             assert part is None or (0 < len(repr(part).splitlines()) < 12 and len(repr(part)) < 1500)
             assert part is None or part._repr_html_().startswith("<p>")
