@@ -287,6 +287,10 @@ MISTAKES = {
     "nothing to simulate": (lambda m, r: m.simulate(T), "expected a recording, a path"),
     "two recordings": (lambda m, r: m.simulate([r, r]), "2 recordings given; expected one"),
     "fewer positions": (lambda m, r: m.simulate(T, X[1:], 0.5), "position: has 2999 values for 3000 times"),
+    "text as current": (
+        lambda m, r: m.simulate(T, X, "0.5"),
+        "current: expected an array of numbers; got a value of type",
+    ),
     "no current": (lambda m, r: m.simulate(T, X), "current_A: is missing; expected a recording, or all of time_s"),
     "times that are missing": (lambda m, r: m.simulate(T * np.nan, X, 0.5), "time_s: is nan in row 0"),
     "a page that is none": (lambda m, r: m.report("rep.pdf", r), "a report is an HTML page; expected a name"),
@@ -329,6 +333,17 @@ MISTAKES = {
     "a rate": (lambda m, r: r.resample(0), "expected a rate above 0"),
     "a column": (lambda m, r: ces.Recording.from_frame(columns(), columns={"position": "z"}), "no column 'z'"),
     "columns": (lambda m, r: ces.Recording.from_frame(columns(), columns="x"), "columns: expected columns by signal"),
+    "a unit": (
+        lambda m, r: ces.Recording.from_frame(columns(), columns={"force": {"column": "force_N", "unit": "furlong"}}),
+        "unit is 'furlong'; expected N, kN, daN, .*kgf$",
+    ),
+    "no validation": (lambda m, r: ces.identify(r, validation=None), "^validation: expected a recording"),
+    "no held-out one": (lambda m, r: ces.diagnose(m, r, held_out=3), "^held_out: expected a recording"),
+    "a table by name": (lambda m, r: m.validate({"north": without_force()}), "^north: force: nothing is named like"),
+    "a recording as model": (lambda m, r: ces.characterise(r, model=r), "^model: expected a model, a function or"),
+    "a recording's type": (lambda m, r: ces.Estimator(r), "path of its file; got Recording$"),
+    "an option of another": (lambda m, r: ces.diagnose(m, r, time=9), "is no option of diagnose; expected one of"),
+    "a folder like a page": (lambda m, r: ces.characterise(r, out="c.html"), "named like a file; .* a folder"),
     "a list": (lambda m, r: ces.Recording.from_frame([1, 2]), "expected a DataFrame or a mapping of arrays"),
     "an estimator": (lambda m, r: ces.DamperModel().predict(r), "not fitted yet; call fit first"),
     "rows": (
