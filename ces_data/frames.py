@@ -11,15 +11,15 @@ import yaml
 
 from ces_data.findings import warn
 from ces_data.logs.frame import FrameTable, is_frame
-from ces_data.logs.log_file import LogTable, TimedLog, join_names
+from ces_data.logs.log_file import LogTable, TimedLog
 from ces_data.logs.log_import import to_recording
-from ces_data.mapping.choice import PASSIVE
-from ces_data.mapping.proposals import GIVE_RATE, NO_TIME, NOT_READ, parse_mapping_without_force, propose_for
+from ces_data.logs.log_mapping import parse_mapping_without_force
+from ces_data.mapping.doubts import NOT_READ
+from ces_data.mapping.proposals import propose_for
 from ces_data.recording import Recording
 from ces_data.tables import tabulate
 from ces_data.units import split_unit
 from ces_observer.errors import CesError, RecordingError
-from ces_observer.signals import UNITS
 
 NAME = "DataFrame"
 TURNED = re.compile(r"(\w+) from '([^']*)' \[[^]]*sign turned\]")  # in what was taken
@@ -64,9 +64,7 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
     settled = {*given, *({"time"} if "rate" in given else ())}
     doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled]
     if doubts:
-        remedy = "" if doubts[0] in proposal.faults else _remedy(doubts[0])
-        has = f"; of {join_names(log.names)}" if remedy and isinstance(log, LogTable) and log.names else ""
-        raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE).replace(f'; {PASSIVE}', '')}{has}{remedy}")
+        raise RecordingError(f"{name}: ", proposal.tell(doubts))
     for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
         warn(f"{name}: {remark}")
     taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
@@ -81,19 +79,6 @@ def warn_of_signs(recording: Recording) -> Recording:
         text = f"the sign of '{column}' is turned; position and force, also simulated ones, are positive in compression"
         warn(f"{recording.name}: {signal}: {text}")
     return recording
-
-
-def _remedy(doubt: str) -> str:
-    """Return how to say what was not found, for the end of an error."""
-    signal = doubt.partition(":")[0]
-    if signal == "time" and NO_TIME not in doubt:
-        return ""
-    if signal == "time":
-        return "; say which it is: columns={'time': 'NAME'}, or {'rate': 1000} [Hz] without one"
-    if signal == "current":
-        return "; say which it is: columns={'current': 'NAME'}, or {'current': 0.0} for a passive damper"
-    unit = UNITS.get(signal, "").replace("m", "mm", 1)  # the usual one of logs
-    return f"; say which it is: columns={{'{signal}': {{'column': 'NAME', 'unit': '{unit}'}}}}" if unit else ""
 
 
 def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -204,3 +205,10 @@ def _make_mapping(path: Path, content: Mapping[str, Any]) -> DynoMapping:
     content = {**content, "dbc": [dbc] if isinstance(dbc, str) else dbc}
     mapping = read_record(DynoMapping, content, str(path), MappingError)
     return replace(mapping, source=str(path), dbc=tuple(path.parent / name for name in mapping.dbc))
+
+
+def parse_mapping_without_force(content: Mapping[str, Any], source: str) -> DynoMapping:
+    """Return the mapping with this content, which need not have a force, as a file must; raises MappingError."""
+    mapping = parse_dyno_mapping(json.dumps({**content, "force": content.get("force", {"constant": 0.0})}), source)
+    signals = {name: signal for name, signal in mapping.signals.items() if name in content or name != "force"}
+    return replace(mapping, signals=signals)
