@@ -11,16 +11,16 @@ import yaml
 
 from ces_data.findings import warn
 from ces_data.logs.frame import FrameTable, is_frame
-from ces_data.logs.log_file import LogTable, TimedLog, join_names
+from ces_data.logs.log_file import LogTable, TimedLog
 from ces_data.logs.log_import import to_recording
-from ces_data.mapping.choice import PASSIVE
-from ces_data.mapping.proposals import GIVE_RATE, NO_TIME, NOT_READ, parse_mapping_without_force, propose_for
+from ces_data.logs.log_mapping import parse_mapping_without_force
+from ces_data.mapping.doubts import NOT_READ
+from ces_data.mapping.proposals import propose_for
 from ces_data.mapping.rating import GUESSED
 from ces_data.recording import Recording
 from ces_data.tables import tabulate
 from ces_data.units import split_unit
 from ces_observer.errors import CesError, RecordingError
-from ces_observer.signals import UNITS
 
 NAME = "DataFrame"
 TURNED = re.compile(r"(\w+) from '([^']*)' \[[^]]*sign turned\]")  # in what was taken
@@ -67,9 +67,7 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
     guessed = tuple(f"{signal}: {GUESSED}" for signal in named)
     doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled or text.startswith(guessed)]
     if doubts:
-        remedy = "" if doubts[0] in proposal.faults else _remedy(doubts[0], found)
-        has = f"; of {join_names(log.names)}" if "NAME" in remedy and isinstance(log, LogTable) and log.names else ""
-        raise RecordingError(f"{name}: {doubts[0].removesuffix(GIVE_RATE).replace(f'; {PASSIVE}', '')}{has}{remedy}")
+        raise RecordingError(f"{name}: ", proposal.tell(doubts))
     for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
         warn(f"{name}: {remark}")
     taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
@@ -104,21 +102,6 @@ def _describe_given(signal: str, source: Mapping[str, Any]) -> str:
         return f"{signal} {source.get('constant', 'as given')}"
     scale = f"times {source['scale']}" if "scale" in source else source.get("unit", "")
     return f"{signal} from '{source['column']}'" + (f" [{scale}]" if scale else "")
-
-
-def _remedy(doubt: str, found: Mapping[str, Any]) -> str:
-    """Return how to say what was not found, or in which unit it is, for the end of an error."""
-    signal = doubt.partition(":")[0]
-    if doubt.startswith(f"{signal}: {GUESSED}"):
-        return f"; say its unit: columns={{{signal!r}: {found[signal]}}}"
-    if signal == "time" and NO_TIME not in doubt:
-        return ""
-    if signal == "time":
-        return "; say which it is: columns={'time': 'NAME'}, or {'rate': 1000} [Hz] without one"
-    if signal == "current":
-        return "; say which it is: columns={'current': 'NAME'}, or {'current': 0.0} for a passive damper"
-    unit = UNITS.get(signal, "").replace("m", "mm", 1)  # the usual one of logs
-    return f"; say which it is: columns={{'{signal}': {{'column': 'NAME', 'unit': '{unit}'}}}}" if unit else ""
 
 
 def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+LIKE = 0.7  # of a name's letters, in what it may have meant
+
 
 @dataclass(frozen=True)
 class OptionName:
@@ -41,12 +43,20 @@ class OptionName:
         return f"{self.value:g}" if self._is_number else str(self.value)
 
 
+@dataclass(frozen=True)
+class Words:
+    """A text of an error in programs, and what Python says in its place."""
+
+    program: str
+    script: str
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return what a mistyped name may have meant, as `; did you mean 'time'?`, else what is known."""
     from difflib import get_close_matches  # not on the vehicle
 
     names = list(known)
-    near = get_close_matches(name, names, n=1)
+    near = get_close_matches(name, names, n=1, cutoff=LIKE)
     return f"; did you mean '{near[0]}'?" if near else f"; expected one of {', '.join(names)}"
 
 
@@ -59,7 +69,7 @@ class CesError(Exception):
     It is made of texts and of the options that it names; as text, it names them as Python does.
     """
 
-    def __init__(self, *parts: str | OptionName) -> None:
+    def __init__(self, *parts: str | OptionName | Words) -> None:
         super().__init__(*parts)
 
     def __str__(self) -> str:
@@ -67,7 +77,9 @@ class CesError(Exception):
 
     def word(self, wording: Wording) -> str:
         """Return the line for a user who writes options as `wording` does."""
-        return "".join(wording(part) if isinstance(part, OptionName) else str(part) for part in self.args)
+        is_script = wording is OptionName.as_keyword
+        plain = ((p.script if is_script else p.program) if isinstance(p, Words) else p for p in self.args)
+        return "".join(wording(part) if isinstance(part, OptionName) else str(part) for part in plain)
 
 
 class SignalsError(CesError):

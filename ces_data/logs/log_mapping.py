@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,7 @@ from typing import Any, ClassVar, Self
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_data.log_formats import LOG_FORMATS
-from ces_data.units import QUANTITIES, find_unit
+from ces_data.units import QUANTITIES, TABLE, find_unit
 from ces_observer.errors import CesError
 from ces_observer.fields import Field, Schema
 from ces_observer.records import OneOf, choice, in_files, part, read_record
@@ -89,8 +90,8 @@ class Scaling:
                 f"unit is {self.unit!r}, no current; give its scale in A per {unit.text} (scale: {volts})"
             )
         if self.unit and (unit is None or unit.quantity not in quantities or not alone):
-            expected = f"that of a {' or '.join(quantities)}, without scale and offset"
-            raise MappingError(f"unit is {self.unit!r}; expected {expected}")
+            units = ", ".join(unit for quantity in quantities for unit in TABLE[quantity])
+            raise MappingError(f"unit is {self.unit!r}; expected {units}{', without scale and offset' * (not alone)}")
 
 
 @dataclass(frozen=True)
@@ -204,3 +205,10 @@ def _make_mapping(path: Path, content: Mapping[str, Any]) -> DynoMapping:
     content = {**content, "dbc": [dbc] if isinstance(dbc, str) else dbc}
     mapping = read_record(DynoMapping, content, str(path), MappingError)
     return replace(mapping, source=str(path), dbc=tuple(path.parent / name for name in mapping.dbc))
+
+
+def parse_mapping_without_force(content: Mapping[str, Any], source: str) -> DynoMapping:
+    """Return the mapping with this content, which need not have a force, as a file must; raises MappingError."""
+    mapping = parse_dyno_mapping(json.dumps({**content, "force": content.get("force", {"constant": 0.0})}), source)
+    signals = {name: signal for name, signal in mapping.signals.items() if name in content or name != "force"}
+    return replace(mapping, signals=signals)

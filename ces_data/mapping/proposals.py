@@ -6,10 +6,10 @@ import json
 import re
 import shlex
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -17,12 +17,13 @@ from ces_data.logs.can import CanLog
 from ces_data.logs.csv import CsvTable
 from ces_data.logs.log_file import LogTable, Progress, TimedLog, open_log
 from ces_data.logs.log_import import join_blocks, read_blocks
-from ces_data.logs.log_mapping import DynoMapping, LogColumn, parse_dyno_mapping
+from ces_data.logs.log_mapping import DynoMapping, LogColumn, parse_mapping_without_force
 from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates, find_log_candidates
 from ces_data.mapping.choice import Choice, NotFound, Selection, choose
+from ces_data.mapping.doubts import BY_SCRIPT, GIVE_RATE, NO_NUMBER, NO_TIME, NOT_READ, WAY, script_remedy, tell_doubts
 from ces_data.mapping.rating import Candidate, Rating, read_meaning
 from ces_data.recording import Recording
-from ces_observer.errors import OptionName, RecordingError
+from ces_observer.errors import OptionName, RecordingError, Words
 from ces_observer.signals import MOTIONS
 
 WIDTH = 110
@@ -39,10 +40,6 @@ MAPPING_HEAD = """\
 """
 AMPERES = re.compile(r"(?<![0-9.])([0-9]+(?:\.[0-9]+)?) ?A(?![A-Za-z0-9])")
 NAME_PATTERN = '"([0-9]+(?:[.][0-9]+)?) ?A(?![A-Za-z0-9])"'
-NO_NUMBER = ("expected a number", "has to go)")  # ends of reasons that no mapping resolves
-GIVE_RATE = "; give --rate HZ"
-NO_TIME = f"no column is named like a time and goes forward{GIVE_RATE}"
-NOT_READ = "; it is not read"
 REQUIRED = ("position", "current", "force")
 TAKEN = (*REQUIRED, "speed")
 
@@ -115,6 +112,7 @@ class MappingProposal:
     remarks: tuple[str, ...]
     found: tuple[str, ...]
     faults: frozenset[str] = frozenset()
+    missing: frozenset[str] = frozenset()  # those doubts that say what was not found
 
     def read(self) -> Recording:
         """Return the log as a recording; raises RecordingError if the mapping is not complete and certain."""
@@ -122,13 +120,14 @@ class MappingProposal:
 
     def blocks(self) -> Iterator[Recording]:
         """Yield the same in blocks, as `read_blocks` does."""
-        path = self.log.path
-        if self.doubts and self.doubts[0] in self.faults:
-            raise RecordingError(f"{path}: {self.doubts[0]}")
         if self.mapping is None or self.doubts:
-            remedy = f"'ces import {path} --propose > my.yaml' writes a mapping to correct, for --mapping my.yaml"
-            raise RecordingError(f"{path}: {self.doubts[0]}; {remedy}")
+            raise RecordingError(f"{self.log.path}: ", self.tell(self.doubts, WAY.format(self.log.path), BY_SCRIPT))
         yield from read_blocks(self.log, self.mapping)
+
+    def tell(self, doubts: Sequence[str], remedy: str = "", where: str = "") -> Words:
+        """Return the first of these doubts, or all that was not found, with remedies for programs and for scripts."""
+        by_script = partial(script_remedy, yaml.safe_load(self.text) or {}, getattr(self.log, "names", ()), where)
+        return tell_doubts(doubts, self.missing, self.faults, remedy, by_script)
 
 
 def propose_mapping(
@@ -178,14 +177,17 @@ def propose_for(
     causes = [(s, why) for key, why in unread.items() for s in (REQUIRED if key == ANY else (key,))]
     faults = frozenset(f"{s}: {why}" for s, why in causes if s != "time" or why.endswith(NO_NUMBER))
     doubts = (*writer.missing, *writer.doubts)
-    return MappingProposal(selection, text, mapping, log, doubts, writer.remarks, tuple(writer.summary()), faults)
-
-
-def parse_mapping_without_force(content: Mapping[str, Any], source: str) -> DynoMapping:
-    """Return the mapping with this content, which need not have a force, as a file must; raises MappingError."""
-    mapping = parse_dyno_mapping(json.dumps({**content, "force": content.get("force", {"constant": 0.0})}), source)
-    signals = {name: signal for name, signal in mapping.signals.items() if name in content or name != "force"}
-    return replace(mapping, signals=signals)
+    return MappingProposal(
+        selection,
+        text,
+        mapping,
+        log,
+        doubts,
+        writer.remarks,
+        tuple(writer.summary()),
+        faults,
+        frozenset(writer.missing),
+    )
 
 
 def split_damper(path: Path) -> tuple[Path, str]:
@@ -217,7 +219,7 @@ class _MappingWriter:
         unknown = [missing for missing in self.absent if missing.signal not in optional]
         self.missing = [f"{missing.signal}: {missing.reason}" for missing in unknown]
         if not candidates.time_text:
-            self.missing.append(f"time: {candidates.unread.get('time', NO_TIME)}")
+            self.missing.append(f"time: {candidates.unread.get('time', f'{NO_TIME}; {GIVE_RATE}')}")
         self.doubts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
         guesses = [f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses]
         unread = [m for m in self.absent if m.signal in optional and m.signal in candidates.unread]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 import re
 import subprocess
 import sys
@@ -17,7 +16,6 @@ import pytest
 import ces
 import ces_observer
 from ces_data.samples import without_spikes
-from ces_identify.options import list_options
 from ces_identify.scripting import progress
 from ces_observer.estimator import Estimator
 
@@ -72,15 +70,6 @@ def test_importing_it_imports_nothing_heavy():
 
 def test_it_has_a_version():
     assert ces.__version__ == ces_observer.__version__
-
-
-def test_a_script_hears_that_kernels_are_compiled_but_not_of_its_own(tmp_path):
-    code = "import sys, numba, ces, ces_identify.scripting\n"
-    code += "numba.njit(lambda x: x + 1)(1); print('own', file=sys.stderr)\n"
-    code += "ces.Recording.load('bags/road')"
-    more = {"env": {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}, "text": True, "capture_output": True}
-    before, after = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, **more).stderr.split("own\n")
-    assert not before and after.startswith("<string>:3: UserWarning: compiling numerical kernels, once on this"), after
 
 
 def test_packages_are_marked_as_typed():
@@ -210,45 +199,6 @@ def test_a_frame_comes_back_as_it_was(road):
         assert ces.Recording.from_frame(other).duration_s == pytest.approx(road.duration_s, abs=1e-6)
 
 
-def test_simulations_come_alone_in_a_list_or_by_name_and_recordings_by_globs(model):
-    pair = ces.compare([model, MODEL, lambda t, x, i: 9.0 * x], str(ROOT / "bags/r[o]ad"))
-    assert [one.name for one in pair.models[:2]] == ["polynomial_narx", "sample"] and "lambda" in pair.models[2].name
-    twice = ces.compare([model, ces.Model.load(MODEL)], ROAD)
-    assert [one.name for one in twice.models] == ["polynomial_narx", "polynomial_narx 2"]
-    named = ces.characterise(ROAD, model=MODEL), ces.characterise(ROAD, model={"mine": model})
-    assert [one.sources for one in named] == [("measured", "sample"), ("measured", "mine")]
-
-
-def test_whatever_can_be_compared_can_be_simulated_and_validated(model, tmp_path):
-    pandas = pytest.importorskip("pandas")
-    table = pandas.DataFrame(columns())
-
-    def force(time_s, position_m, current_A, *, scale=1.0):
-        return scale * 1500.0 * current_A * np.tanh(np.gradient(position_m, time_s) / 0.1)
-
-    np.testing.assert_allclose(ces.simulate(force, T, X, CURRENT), FORCE)
-    simulated = ces.simulate(force, table)
-    assert simulated.index.equals(table.index)
-    half = ces.calibrate(force, columns(force_N=0.5 * FORCE))
-    np.testing.assert_allclose(ces.simulate(half.simulation, table), 0.5 * FORCE, rtol=1e-3)
-    half_too_much, (exact,) = ces.validate(lambda t, x, i: 1.5 * force(t, x, i), table), ces.validate(force, table)
-    assert (exact.cost, exact.rms_N) == pytest.approx((0.0, 0.0), abs=1e-6)
-    (pair,) = ces.compare([force, lambda t, x, i: 1.5 * force(t, x, i)], table).pairs
-    assert half_too_much[0].cost == pytest.approx(-pair.pooled.value) and "unknown 5.5 s" in repr(half_too_much)
-    np.testing.assert_array_equal(ces.simulate(MODEL, table), model.simulate(table))
-
-
-def test_a_model_learns_the_force_of_a_teacher():
-    def force(time_s, position_m, current_A):
-        return 900.0 * np.gradient(position_m, time_s)
-
-    learnt = ces.identify(columns(), teacher=force, **QUICK)
-    assert learnt.evaluations[0].cost < 5.0 and "teacher" in learnt.provenance
-    (row, *_) = learnt.provenance["teacher"]["cost_J_percent"]
-    assert row["teacher_to_measured"] > 20.0 and learnt.provenance["teacher"]["simulation"].endswith("<locals>.force")
-    assert ces.identify(without_force(), teacher=force, **QUICK).body == learnt.body
-
-
 def test_stamps_that_are_no_nanoseconds_are_told(model):
     estimator = ces.Estimator(model)
     assert all(estimator.step(k, 0.01, 0.5) is None for k in range(500))
@@ -256,31 +206,6 @@ def test_stamps_that_are_no_nanoseconds_are_told(model):
     estimator.reset()
     assert estimator.step(0, 0.01, 0.5) is None and estimator.step(1_000_000, 0.01, 0.5) is None
     assert estimator.reason == "warming up"
-
-
-def test_the_parameters_of_the_estimator_are_the_options_of_the_program():
-    own = set(inspect.signature(ces.DamperModel).parameters)
-    assert own == {option.name for option in list_options()} - {"teacher"}
-    with pytest.raises(TypeError, match="tim"):
-        ces.DamperModel(tim=1)
-
-
-def test_scikit_learn_can_search_over_recordings(road):
-    parts = [road.part(0, 9), road.part(9, 18)]
-    estimator = ces.DamperModel("polynomial", **QUICK)
-    assert estimator.fit(parts).score(parts) > 0.7
-    assert [len(force) for force in estimator.predict(parts)] == [len(part) for part in parts]
-    assert len(estimator.predict(ROAD)) == len(road)
-    rows = np.column_stack([T, X, CURRENT])
-    assert np.isfinite(estimator.predict(rows)).all() and estimator.score(rows, FORCE) < 1.0
-    assert estimator.score(columns()) == pytest.approx(estimator.score(without_force(), FORCE))
-    with pytest.raises(ces.CesError, match="acts with the motion"):
-        estimator.fit(np.column_stack([T, X, CURRENT]), -FORCE)
-    selection = pytest.importorskip("sklearn.model_selection")
-    search = selection.GridSearchCV(ces.DamperModel("polynomial", **QUICK), {"terms": [2, 3]}, cv=2).fit(parts)
-    assert search.best_params_["terms"] in (2, 3) and search.best_score_ > 0.7
-    with pytest.raises(ValueError, match="Invalid parameter 'foo'"):
-        estimator.set_params(foo=1)
 
 
 WRITERS = {
@@ -336,6 +261,10 @@ MISTAKES = {
     "nothing to simulate": (lambda m, r: m.simulate(T), "expected a recording, a path"),
     "two recordings": (lambda m, r: m.simulate([r, r]), "2 recordings given; expected one"),
     "fewer positions": (lambda m, r: m.simulate(T, X[1:], 0.5), "position: has 2999 values for 3000 times"),
+    "text as current": (
+        lambda m, r: m.simulate(T, X, "0.5"),
+        "current: expected an array of numbers; got a value of type",
+    ),
     "no current": (lambda m, r: m.simulate(T, X), "current_A: is missing; expected a recording, or all of time_s"),
     "times that are missing": (lambda m, r: m.simulate(T * np.nan, X, 0.5), "time_s: is nan in row 0"),
     "a page that is none": (lambda m, r: m.report("rep.pdf", r), "a report is an HTML page; expected a name"),
@@ -383,6 +312,17 @@ MISTAKES = {
     "a rate": (lambda m, r: r.resample(0), "expected a rate above 0"),
     "a column": (lambda m, r: ces.Recording.from_frame(columns(), columns={"position": "z"}), "no column 'z'"),
     "columns": (lambda m, r: ces.Recording.from_frame(columns(), columns="x"), "columns: expected columns by signal"),
+    "a unit": (
+        lambda m, r: ces.Recording.from_frame(columns(), columns={"force": {"column": "force_N", "unit": "furlong"}}),
+        "unit is 'furlong'; expected N, kN, daN, .*kgf$",
+    ),
+    "no validation": (lambda m, r: ces.identify(r, validation=None), "^validation: expected a recording"),
+    "no held-out one": (lambda m, r: ces.diagnose(m, r, held_out=3), "^held_out: expected a recording"),
+    "a table by name": (lambda m, r: m.validate({"north": without_force()}), "^north: force: nothing is named like"),
+    "a recording as model": (lambda m, r: ces.characterise(r, model=r), "^model: expected a model, a function or"),
+    "a recording's type": (lambda m, r: ces.Estimator(r), "path of its file; got Recording$"),
+    "an option of another": (lambda m, r: ces.diagnose(m, r, time=9), "is no option of diagnose; expected one of"),
+    "a folder like a page": (lambda m, r: ces.characterise(r, out="c.html"), "named like a file; .* a folder"),
     "a list": (lambda m, r: ces.Recording.from_frame([1, 2]), "expected a DataFrame or a mapping of arrays"),
     "an estimator": (lambda m, r: ces.DamperModel().predict(r), "not fitted yet; call fit first"),
     "rows": (

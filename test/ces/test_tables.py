@@ -51,6 +51,35 @@ def test_a_named_column_is_not_turned():
     assert not any("the force is turned" in str(w.message) for w in said)
 
 
+def test_all_that_is_not_found_is_one_message(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t_s,b,c\n" + "".join(f"{t},{n % 7},{n % 5}\n" for n, t in enumerate(T)))
+    why = "position and current: nothing is named like it"
+    for given, where in (
+        ({"t_s": T, "b": np.arange(len(T)) % 7, "c": np.arange(len(T)) % 5}, ""),
+        (path, " in Recording.load"),
+    ):
+        with pytest.raises(ces.CesError, match=why) as error:
+            ces.simulate(MODEL, given)
+        columns = "{'position': {'column': 'NAME', 'unit': 'mm'}, 'current': 'NAME'}"
+        assert f"they are{where}: columns={columns}, or 'current': 0.0 for a passive" in str(error.value)
+
+
+def test_an_unclear_unit_names_its_column():
+    given = table(x_mm=None, stroke=1e3 * X)
+    with pytest.raises(ces.CesError, match="arrays: position: taken as mm") as error:
+        ces.Recording.from_frame(given)
+    assert str(error.value).endswith("columns={'position': {'column': 'stroke', 'unit': 'mm'}}")
+
+
+def test_a_recording_has_the_name_it_is_given():
+    pandas = pytest.importorskip("pandas")
+    for name in ("r1.5", "a/b", "sweep 0.5 A"):
+        frame = pandas.DataFrame(table())
+        frame.attrs["name"] = name
+        assert [ces.Recording.from_frame(t, name=n).name for t, n in ((table(), name), (frame, ""))] == [name, name]
+
+
 def test_what_was_found_is_shown():
     shown = repr(ces.Recording.from_frame(table(), columns={"current": "I_A"}))
     assert (
@@ -62,7 +91,7 @@ def test_what_was_found_is_shown():
 def test_a_unit_that_is_a_guess_is_not_taken_for_a_named_column_either(named):
     content = table(x_mm=None, stroke=2e3 * X)
     with pytest.raises(
-        ces.CesError, match=r"taken as mm, .*; say its unit: columns={'position': {'column': 'stroke', "
+        ces.CesError, match=r"taken as mm, .*; say which it is: columns={'position': {'column': 'stroke', "
     ):
         ces.Recording.from_frame(content, columns=named)
     said = ces.Recording.from_frame(content, columns={"position": {"column": "stroke", "unit": "mm"}})
@@ -121,9 +150,9 @@ def test_what_looks_wrong_is_said(read, text):
 REFUSED = {
     "no current": (
         table(I_A=None),
-        "columns={'current': 'NAME'}, or {'current': 0.0} for a passive damper",
+        "columns={'current': 'NAME'}, or 'current': 0.0 for a passive damper",
     ),
-    "no time": (table(t_s=None), "columns={'time': 'NAME'}, or {'rate': 1000} [Hz] without one"),
+    "no time": (table(t_s=None), "columns={'time': 'NAME'}, or 'rate': 1000 [Hz] without a time"),
     "a short column": (table(x_mm=X[:-1]), "arrays: position: 'x_mm' has 1999 values for 2000 rows"),
 }
 
