@@ -98,7 +98,8 @@ def identify(
         raise CesError(
             f"validation: is {validation!r}; expected recordings; a part of each given one is kept by split=0.75"
         )
-    given, held_out = as_recordings(recordings, signals), as_recordings(validation, signals, required=False)
+    given = as_recordings(recordings, signals)
+    held_out = as_recordings(validation, signals, required=False, called="validation")
     with show_progress(progress) as tell:
         return identify_model(request, given, held_out, tell)
 
@@ -212,8 +213,8 @@ def diagnose(
 
     how, target = _diagnose_options(options), _require_output("out", out, overwrite)
     subject, name = _open(simulation)
-    recordings = as_recordings(real)
-    kept, references = (as_recordings(some, required=False) for some in (held_out, reference))
+    recordings, kept = as_recordings(real, called="real"), as_recordings(held_out, required=False, called="held_out")
+    references = as_recordings(reference, required=False, called="reference")
     notes = check_recordings(recordings, kept, references)
     with one_blas_thread(), show_progress(progress) as tell:
         result = pipeline.diagnose(subject, name, recordings, kept, references, how, tell)
@@ -253,7 +254,7 @@ def calibrate(
 
     target = _require_output("out", out, overwrite)
     subject, name = _open(simulation)
-    recordings, kept = as_recordings(real), as_recordings(held_out, required=False)
+    recordings, kept = as_recordings(real, called="real"), as_recordings(held_out, required=False, called="held_out")
     for text in check_recordings(recordings, kept, []):
         warn(text)
     with one_blas_thread(), show_progress(progress) as tell:
@@ -339,9 +340,9 @@ def _open_all(name: str, given: SimulationInputs) -> dict[str, Simulation]:
     if isinstance(given, Mapping):
         if wrong := [own for own in given if not isinstance(own, str)]:
             raise CesError(f"{name}: {wrong[0]!r} is no name; expected simulations by their names, or a list of them")
-        return {own: _open(simulation)[0] for own, simulation in given.items()}
+        return {own: _open(simulation, name)[0] for own, simulation in given.items()}
     several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
-    opened = [_open(simulation) for simulation in several]
+    opened = [_open(simulation, name) for simulation in several]
     sources = [
         one.structure if isinstance(one, Model) else getattr(one, "__qualname__", own)
         for one, (_, own) in zip(several, opened, strict=True)
@@ -352,8 +353,8 @@ def _open_all(name: str, given: SimulationInputs) -> dict[str, Simulation]:
     return {own: simulation for own, (simulation, _) in zip(distinct, opened, strict=True)}
 
 
-def _open(given: SimulationInput, argument: str = "simulation") -> tuple[Simulation, str]:
-    """Return a simulation, and the name that results give it. Raises CesError for anything else, as `argument`."""
+def _open(given: SimulationInput, called: str = "simulation") -> tuple[Simulation, str]:
+    """Return a simulation, and the name that results give it. Raises CesError, which says `called`, for others."""
     from ces_cli.terminal.inputs import open_simulation
     from ces_data.reading import as_path
     from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
@@ -366,7 +367,7 @@ def _open(given: SimulationInput, argument: str = "simulation") -> tuple[Simulat
     if callable(given):
         name = f"{given.__module__}:{getattr(given, '__qualname__', 'function')}"
         return FunctionSimulation(name, given), name
-    spec = given if isinstance(given, str) else str(as_path(given, argument))
+    spec = given if isinstance(given, str) else str(as_path(given, called, "simulation"))
     return open_simulation(spec), spec
 
 

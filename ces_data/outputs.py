@@ -12,6 +12,7 @@ from pathlib import Path
 from ces_observer.errors import CesError, OptionName
 
 NO_PAGES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
+PAGE = ".html"
 MODEL = "model"
 OUT, REPORT, OVERWRITE = OptionName("out"), OptionName("report"), OptionName("overwrite", True)
 Outputs = Mapping[OptionName, Path | None] | Mapping[str, Path | None] | Mapping[OptionName | str, Path | None]
@@ -65,6 +66,8 @@ def require_folder(path: Path) -> None:
     """Raise CesError unless files can be written into the folder `path`, which need not exist yet."""
     if path.exists() and not path.is_dir():
         raise CesError(f"{path}: is not a folder; expected the name of a folder to write")
+    if not path.exists() and path.suffix.lower() in (PAGE, *NO_PAGES):
+        raise CesError(f"{path}: is named like a file; several are written, expected the name of a folder")
     existing = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
     if not existing.is_dir():
         raise CesError(f"{path}: {existing} is not a folder; expected a folder to write into")

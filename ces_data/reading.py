@@ -25,7 +25,7 @@ from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
 
 SIGNALS = ("position", "current", "force")
-EXPECTED = {"model": "a model or ", "simulation": "a model, a function or "}  # beside paths, by argument
+EXPECTED = {"model": "a model or ", "simulation": "a model, a function or "}  # beside paths, by kind
 IN_FILES = {
     "set scale: -1 in the signals file of": "multiply by -1",
     "set its scale in the signals file": "scale it",
@@ -79,20 +79,25 @@ def read_log(
 
 
 def as_recordings(
-    given: RecordingInputs, signals: PathInput | None = None, *, need: Sequence[str] = SIGNALS, required: bool = True
+    given: RecordingInputs,
+    signals: PathInput | None = None,
+    *,
+    need: Sequence[str] = SIGNALS,
+    required: bool = True,
+    called: str = "recordings",
 ) -> list[Recording]:
     """Return recordings that were given as such, as tables, or as paths and globs of bags and logs, one or several.
 
-    Recordings and tables may have names, as keys of a mapping. `signals` describes bags only.
+    Recordings and tables may have names, as keys of a mapping. `signals` describes bags only. Errors say `called`.
     """
     single = _is_one(given)
     if hasattr(given, "dtype") and not is_table(given):
         advice = "name its columns, {'time_s': X[:, 0], ...}, or take ces.DamperModel().fit(X, y)"
-        raise CesError(f"recordings: expected a recording, a path, a table, or several; got an array: {advice}")
+        raise CesError(f"{called}: expected a recording, a path, a table, or several; got an array: {advice}")
     if not single and not hasattr(given, "__iter__"):
-        raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(given)}")
+        raise CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(given)}")
     if isinstance(given, Mapping) and given and all(map(_is_one, given.values())):
-        return [replace(r, name=name) for name, one in given.items() for r in as_recordings(one, signals, need=need)]
+        return [r for name, one in given.items() for r in _as_named(name, one, signals, need)]
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
         raise CesError("no recording given; expected a recording, a path, or several of them")
@@ -108,10 +113,18 @@ def as_recordings(
         elif is_table(one):
             recordings.append(check_table(read_frame(one, need=need, number=number if len(several) > 1 else 0)))
         elif not isinstance(one, str | os.PathLike):
-            raise CesError(f"recordings: expected a recording, a path, a table, or several; got {kind_of(one)}")
+            raise CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(one)}")
         else:
             recordings += [_read(path, signals, need) for path in find_bags([as_path(one, "recording")])]
     return recordings
+
+
+def _as_named(name: str, given: RecordingInput, signals: PathInput | None, need: Sequence[str]) -> list[Recording]:
+    """Return what a mapping of recordings holds under a name."""
+    if is_table(given):
+        return [check_table(read_frame(given, need=need, name=name))]
+    named = replace(given, name=name) if isinstance(given, Recording) else given
+    return [replace(one, name=name) for one in as_recordings(named, signals, need=need)]
 
 
 def _is_one(value: object) -> bool:
@@ -125,10 +138,10 @@ def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recordi
     return read_recording(path, signals=signals, need=need)
 
 
-def as_path(given: PathInput, name: str) -> Path:
-    """Return a path; raises CesError if `given` is none, calling it `name`."""
+def as_path(given: PathInput, name: str, kind: str = "") -> Path:
+    """Return a path; raises CesError if `given` is none, calling it `name`, of this `kind` in EXPECTED."""
     if not isinstance(given, str | os.PathLike):
-        raise CesError(f"{name}: expected {EXPECTED.get(name, '')}a path; got {kind_of(given)}")
+        raise CesError(f"{name}: expected {EXPECTED.get(kind or name, '')}a path; got {kind_of(given)}")
     if not os.fspath(given):
         raise CesError(f"{name}: the path is empty")
     return Path(given)

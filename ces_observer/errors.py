@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+LIKE = 0.7  # of a name's letters, in what it may have meant
+
 
 @dataclass(frozen=True)
 class OptionName:
@@ -46,7 +48,7 @@ def suggest(name: str, known: Iterable[str]) -> str:
     from difflib import get_close_matches  # not on the vehicle
 
     names = list(known)
-    near = get_close_matches(name, names, n=1)
+    near = get_close_matches(name, names, n=1, cutoff=LIKE)
     return f"; did you mean '{near[0]}'?" if near else f"; expected one of {', '.join(names)}"
 
 

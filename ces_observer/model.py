@@ -210,7 +210,9 @@ FILE = Field(kind=Record(Model))
 def load_model(path: str | Path) -> Model:
     """Read and check a model file; raises ModelError naming the file and the wrong key."""
     if not isinstance(path, str | os.PathLike):
-        raise ModelError(f"model: expected a model or the path of its file; got {path if path is None else type(path)}")
+        raise ModelError(
+            f"model: expected a model or the path of its file; got {path if path is None else type(path).__name__}"
+        )
     path = Path(path)
     if path.is_dir() or (path.is_file() and path.suffix.lower() not in ("", ".json")):
         what = "folder, such as a bag" if path.is_dir() else f"{path.suffix} file, such as a recording"

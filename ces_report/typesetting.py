@@ -17,6 +17,7 @@ SYMBOLS = {"force": "F", "speed": "v", "current": "i", "position": "x"}
 MAX_NAMES = 5  # of recordings in a title
 MAX_NAMES_LENGTH = 120  # characters of those names together
 MAX_FIGURES = 7  # of an end of a range
+MAX_ROUNDED = 0.25  # of a number, that rounding may change
 MAX_DIGITS = 5  # behind the point; more are a power of ten
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
@@ -112,21 +113,28 @@ def format_spread(value: float, spread: float, figures: int = 3) -> str:
 def format_within(value: float, low: float, high: float, figures: int = 3) -> tuple[str, str]:
     """Return a value and its interval `low to high` with the digits that half the interval justifies.
 
-    That is the rule of `format_spread`. Without an interval the value has `figures`, and the interval is a dash.
+    That is the rule of `format_spread`; where zero is not in the interval, whose ends may lie decades apart, what it
+    would change by more than MAX_ROUNDED has two figures. Without an interval the value has `figures`, and that a dash.
     """
     if not (math.isfinite(value + low + high) and low < high):
         return format_number(value, figures), format_range(low, high) if math.isfinite(low + high) else "\N{EN DASH}"
-    shown, *ends = _round_like(0.5 * (high - low), value, low, high)
+    most = math.inf if low <= 0.0 <= high else MAX_ROUNDED
+    shown, *ends = _round_like(0.5 * (high - low), value, low, high, most=most)
     return shown, " to ".join(ends)
 
 
-def _round_like(spread: float, *values: float) -> list[str]:
-    """Return values to the first figure of a spread, to the second if it begins with 1 or 2."""
+def _round_like(spread: float, *values: float, most: float = math.inf) -> list[str]:
+    """Return values to the first figure of a spread, to the second if it begins with 1 or 2.
+
+    A value has two figures where that would change it by more than `most` of it.
+    """
     decade = math.floor(math.log10(spread))
     digits = (1 if spread < 3.0 * 10.0**decade else 0) - decade
     if digits > MAX_DIGITS:  # with a power of ten
         return [format_number(v, digits + 1 + math.floor(math.log10(abs(v))) if abs(v) > spread else 1) for v in values]
-    return [minus(f"{round(value, digits) + 0.0:.{max(digits, 0)}f}") for value in values]
+    kept = [abs(round(v, digits) - v) <= most * abs(v) for v in values]
+    places = [digits if keep else 1 - math.floor(math.log10(abs(v))) for v, keep in zip(values, kept, strict=True)]
+    return [minus(f"{round(v, n) + 0.0:.{max(n, 0)}f}") for v, n in zip(values, places, strict=True)]
 
 
 def format_alike(values: Collection[float], figures: int = 4) -> list[str]:

@@ -21,11 +21,11 @@ TEXT = "OUST"  # of text
 class FrameTable(LogTable):
     """The columns of a DataFrame, or of a mapping of arrays, in which a single number stands for all rows.
 
-    An index that has a name, or holds times, is the first column. `name` stands in messages for a file's path.
+    An index that has a name, or holds times, is the first column. `name` is the recording's, and stands for a file's.
     """
 
     def __init__(self, content: Any, name: str) -> None:
-        self.path = Path(name)
+        self.path, self.called = Path(name), name
         columns = _frame_columns(content) if is_frame(content) else [(str(key), content[key]) for key in content]
         self.names = tuple(column for column, _ in columns)
         self._arrays = [_as_array(values, f"{name}: column {column!r}") for column, values in columns]

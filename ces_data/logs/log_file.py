@@ -65,6 +65,7 @@ class LogTable(ABC):
     path: Path
     names: Sequence[str]
     notes: tuple[str, ...] = ()
+    called = ""  # the name of its recording, if that is not the file's
     doubts: tuple[str, ...] = ()  # what a person has to choose, such as one of several runs
     breaks: Mapping[int, bool] = {}  # rows (from 0) at which a block begins; whether its names alone came again
     rows = ""  # the path to the table inside the file

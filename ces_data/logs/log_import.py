@@ -128,7 +128,7 @@ def _of_table(table: LogTable, mapping: DynoMapping, rate: float, clock: TableCl
         source = mapping.signals[name]
         missing = table.missing(source.key) if isinstance(source, LogColumn) else None
         channels[name] = channel if missing is None else channel.select(~missing)
-    return Recording(table.path.stem, channels, source=str(table.path))
+    return Recording(table.called or table.path.stem, channels, source=str(table.path))
 
 
 def _of_series(log: TimedLog, mapping: DynoMapping, series_by_name: Mapping[str, LogSeries]) -> Recording:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_data.log_formats import LOG_FORMATS
-from ces_data.units import QUANTITIES, find_unit
+from ces_data.units import QUANTITIES, TABLE, find_unit
 from ces_observer.errors import CesError
 from ces_observer.fields import Field, Schema
 from ces_observer.records import OneOf, choice, in_files, part, read_record
@@ -89,8 +89,8 @@ class Scaling:
                 f"unit is {self.unit!r}, no current; give its scale in A per {unit.text} (scale: {volts})"
             )
         if self.unit and (unit is None or unit.quantity not in quantities or not alone):
-            expected = f"that of a {' or '.join(quantities)}, without scale and offset"
-            raise MappingError(f"unit is {self.unit!r}; expected {expected}")
+            units = ", ".join(unit for quantity in quantities for unit in TABLE[quantity])
+            raise MappingError(f"unit is {self.unit!r}; expected {units}{', without scale and offset' * (not alone)}")
 
 
 @dataclass(frozen=True)

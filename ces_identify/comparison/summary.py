@@ -98,9 +98,7 @@ def model_table(comparison: Comparison) -> Table[int]:
 
 @summarize_result.register
 def _(comparison: Comparison) -> tuple[Sequence[str], Table[int]]:
-    return [headline(comparison), *(f"{note[0].upper()}{note[1:]}." for note in comparison.notes())], model_table(
-        comparison
-    )
+    return [headline(comparison), *(f"Note: {note}." for note in comparison.notes())], model_table(comparison)
 
 
 def pair_table(pairs: Sequence[PairResult]) -> Table[PairResult]:

@@ -28,6 +28,7 @@ from ces_report.typesetting import format_alike
 MAX_RATE_HZ = 1e6  # [Hz] a stamp is a whole number of ns
 MAX_TIME_S = 8e9  # [s] beyond it, a stamp would not fit 64 bits
 TABLES = (".csv", ".txt", ".parquet", ".json", ".mat", ".xlsx")  # that no bag is
+NO_NUMBERS = "USTc"  # kinds of arrays of text and of complex numbers
 EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
 
 
@@ -190,7 +191,8 @@ def _as_stamps(time_s: ArrayLike) -> recording.Stamps:
 def _as_numbers(name: str, values: ArrayLike, count: int = 0) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return an array (n,) of numbers; one number fills `count` rows. Raises CesError."""
     try:
-        if np.iscomplexobj(values):
+        given = np.asarray(values)
+        if given.dtype.kind in NO_NUMBERS or (given.dtype.kind == "O" and any(isinstance(v, str) for v in given.flat)):
             raise TypeError
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):

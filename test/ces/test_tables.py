@@ -51,6 +51,14 @@ def test_a_named_column_is_not_turned():
     assert not any("the force is turned" in str(w.message) for w in said)
 
 
+def test_a_recording_has_the_name_it_is_given():
+    pandas = pytest.importorskip("pandas")
+    for name in ("r1.5", "a/b", "sweep 0.5 A"):
+        frame = pandas.DataFrame(table())
+        frame.attrs["name"] = name
+        assert [ces.Recording.from_frame(t, name=n).name for t, n in ((table(), name), (frame, ""))] == [name, name]
+
+
 def test_what_was_found_is_shown():
     shown = repr(ces.Recording.from_frame(table(), columns={"current": "I_A"}))
     assert (
