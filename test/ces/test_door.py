@@ -279,7 +279,7 @@ MISTAKES = {
         lambda m, r: ces.identify(r, option=3),
         "option: is no option of identify; expected one of (?!.*options)",
     ),
-    "a model": (lambda m, r: ces.validate(None, r), "model: expected a model or a path; got None"),
+    "a model": (lambda m, r: ces.validate(None, r), "model: expected a model, a function or a path; got None"),
     "no such model": (lambda m, r: ces.Estimator("x.json"), "x.json: no such model file"),
     "a model's type": (lambda m, r: ces.Estimator(5), "model: expected a model or the path of its file; got"),
     "a mistyped option": (lambda m, r: ces.identify(r, tims=5), "tims: is no option of identify; did you mean 'time'"),
