@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import yaml
 
 from ces_data.findings import warn
@@ -18,7 +19,7 @@ from ces_data.mapping.doubts import NOT_READ
 from ces_data.mapping.proposals import propose_for
 from ces_data.mapping.rating import GUESSED
 from ces_data.recording import Recording
-from ces_data.tables import tabulate
+from ces_data.tables import DataColumn, tabulate
 from ces_data.units import split_unit
 from ces_observer.errors import CesError, RecordingError
 
@@ -127,17 +128,16 @@ def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:
 
 
 def to_frame(recording: Recording) -> Any:
-    """Return a recording as a pandas DataFrame on the position's times [s], the index; units are in the names.
+    """Return a recording as a pandas DataFrame on the position's times [s] from its first one, the index.
 
-    Raises CesError without pandas.
+    Columns are `position_m`, `current_A`, `force_N` and the like, whatever their times were: currents and temperatures
+    are held, others interpolated, NaN in gaps. Raises CesError without pandas.
     """
     pandas = import_pandas()
     table = tabulate(recording, {})
-    values = {column.name: column.values for column in table.columns}
-    for column in table.columns:
-        if column.missing.any():
-            values[column.name] = values[column.name].copy()
-            values[column.name][column.missing] = float("nan")
+    named = zip([*recording.channels, *recording.constants], table.columns, strict=True)
+    columns = [DataColumn.of(signal, c.unit, np.where(c.missing, np.nan, c.values)) for signal, c in named]
+    values = {column.name: column.values for column in columns}
     return pandas.DataFrame(values, index=pandas.Index(1e-9 * table.time_ns, name="time_s"))
 
 

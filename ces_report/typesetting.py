@@ -132,8 +132,8 @@ def _round_like(spread: float, *values: float, most: float = math.inf) -> list[s
     digits = (1 if spread < 3.0 * 10.0**decade else 0) - decade
     if digits > MAX_DIGITS:  # with a power of ten
         return [format_number(v, digits + 1 + math.floor(math.log10(abs(v))) if abs(v) > spread else 1) for v in values]
-    kept = [abs(round(v, digits) - v) <= most * abs(v) for v in values]
-    places = [digits if keep else 1 - math.floor(math.log10(abs(v))) for v, keep in zip(values, kept, strict=True)]
+    changed = [abs(round(v, digits) - v) > most * abs(v) if v else False for v in values]
+    places = [1 - math.floor(math.log10(abs(v))) if far else digits for v, far in zip(values, changed, strict=True)]
     return [minus(f"{round(v, n) + 0.0:.{max(n, 0)}f}") for v, n in zip(values, places, strict=True)]
 
 

@@ -57,7 +57,7 @@ from ces_observer.records import in_files
 from ces_observer.structures.polynomial import Polynomial
 from ces_report.shell import PageHead
 from ces_report.table import Table
-from ces_report.typesetting import format_alike
+from ces_report.typesetting import UNITS, format_alike, join_with
 
 MAX_STEPS = 100_000  # ticks ahead
 MAX_BEYOND = 0.01  # of the span that a model knows: a rounded number counts as the end of it
@@ -277,9 +277,11 @@ class Model(model.Model):
     def _describe(self) -> str:
         proof = "stability not proved" if self.certificate is None else "proved stable"
         knows = "; ".join(
-            f"{name} {' to '.join(format_alike(ends, 3))} {unit}{self.envelope.gap_text * (name == 'current')}"
-            for (name, ends), unit in zip(self.envelope.by_signal.items(), ("m", "m/s", "A"), strict=True)
+            f"{name} {' to '.join(format_alike(ends, 3))} {UNITS[name]}{self.envelope.gap_text * (name == 'current')}"
+            for name, ends in self.used_ranges.items()
         )
+        others = [name for name in self.envelope.by_signal if name not in self.used_ranges]
+        knows += f"; {join_with(others)} not used" if others else ""
         return f"{self.structure}: {describe_size(self)} at {self.sampling.rate_Hz:g} Hz, {proof}\nknows {knows}"
 
 

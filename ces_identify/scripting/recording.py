@@ -112,7 +112,10 @@ class Recording(recording.Recording):
         return len(self.channels["position"]) if "position" in self.channels else 0
 
     def to_frame(self) -> Any:
-        """Return a DataFrame on the position's times [s]; a unit ends each name, after `_held` or `_interp` if so."""
+        """Return a DataFrame of `position_m`, `current_A`, `force_N` on the position's times [s], from 0.
+
+        Currents at other times are held, forces interpolated; NaN in gaps.
+        """
         return to_frame(self)
 
     def resample(self, rate_Hz: float) -> Self:

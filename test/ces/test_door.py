@@ -187,6 +187,7 @@ def test_a_recording_is_cut_resampled_shown_and_written(road, tmp_path):
 def test_a_frame_comes_back_as_it_was(road):
     pandas = pytest.importorskip("pandas")
     frame = road.to_frame()
+    assert [*frame] == [*road.resample(100.0).to_frame()] == ["position_m", "current_A", "force_N"]
     again = ces.Recording.from_frame(frame)
     np.testing.assert_allclose(again.channel("position").values, road.channel("position").values)
     dated = frame.set_index(pandas.Timestamp("2026-03-01 12:00", tz="UTC") + pandas.to_timedelta(frame.index, unit="s"))

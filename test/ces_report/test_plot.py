@@ -200,5 +200,6 @@ def test_a_value_has_the_digits_that_its_interval_justifies() -> None:
     assert format_within(2.0e-7, 1.0e-7, 3.0e-7) == ("2·10⁻⁷", "1·10⁻⁷ to 3·10⁻⁷")
     assert format_within(50.0, 50.0, 5000.0) == ("50", "50 to 5000")
     assert format_within(1400.0, 1000.0, 9000.0) == ("1400", "1000 to 9000")
+    assert format_within(0.0, -0.5, 0.5) == ("0.0", "\N{MINUS SIGN}0.5 to 0.5")
     assert format_within(0.3, -4.0, 5.0) == ("0", "\N{MINUS SIGN}4 to 5")
     assert format_within(5.0, math.nan, math.nan) == ("5", "–")
