@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from ces_observer import model
     from ces_report.shell import PageHead
 
-    ModelInput = model.Model | PathInput
     SimulationInput = Simulation | model.Model | Callable[..., Any] | PathInput
     FitInput = str | Sequence[str] | Mapping[str, tuple[float, float] | None]
     SimulationInputs = SimulationInput | Sequence[SimulationInput] | Mapping[str, SimulationInput]
@@ -105,20 +104,28 @@ def identify(
         return identify_model(request, given, held_out, tell)
 
 
-def validate(model: ModelInput, recordings: RecordingInputs) -> Evaluations:
-    """Return the free run of a model on each recording, a list with `to_frame`, as `Model.validate` does."""
-    from ces_identify.scripting.model import as_model
+def validate(model: SimulationInput, recordings: RecordingInputs) -> Evaluations:
+    """Return the free run of a model on each recording, a list with `to_frame`, as `Model.validate` does.
 
-    return as_model(model).validate(recordings)
+    Of another simulation, the cost is that of a comparison: at the position samples, 0.5 s after each start.
+    """
+    from ces_identify.scripting.model import as_model
+    from ces_identify.scripting.simulating import validate as validate_simulation
+    from ces_identify.simulations.simulation import ModelSimulation
+
+    simulation, _ = _open(model, "model")
+    if isinstance(simulation, ModelSimulation):
+        return as_model(simulation.model).validate(recordings)
+    return validate_simulation(simulation, recordings)
 
 
 def simulate(
-    model: ModelInput, recording: Any = None, position_m: Any = None, current_A: Any = None, *, time_s: Any = None
+    model: SimulationInput, recording: Any = None, position_m: Any = None, current_A: Any = None, *, time_s: Any = None
 ) -> Any:
-    """Return the force [N] at every position sample, of a recording or of arrays, as `Model.simulate` does."""
-    from ces_identify.scripting.model import as_model
+    """Return the force [N] of a model or another simulation at every position sample, as `Model.simulate` does."""
+    from ces_identify.scripting.simulating import simulate as run_simulation
 
-    return as_model(model).simulate(recording, position_m, current_A, time_s=time_s)
+    return run_simulation(_open(model, "model")[0], recording, position_m, current_A, time_s)
 
 
 def compare(

@@ -17,6 +17,7 @@ from ces_data.logs.log_import import to_recording
 from ces_data.logs.log_mapping import parse_mapping_without_force
 from ces_data.mapping.doubts import NOT_READ
 from ces_data.mapping.proposals import propose_for
+from ces_data.mapping.rating import GUESSED
 from ces_data.recording import Recording
 from ces_data.tables import DataColumn, tabulate
 from ces_data.units import split_unit
@@ -63,12 +64,15 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
     if "rate" in given:
         content.pop("time", None)
     settled = {*given, *({"time"} if "rate" in given else ())}
-    doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled]
+    named = [s for s in given if s != "rate" and not _has_unit(columns[s]) and _same_column(given[s], found, s)]
+    guessed = tuple(f"{signal}: {GUESSED}" for signal in named)
+    doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled or text.startswith(guessed)]
     if doubts:
         raise RecordingError(f"{name}: ", proposal.tell(doubts))
     for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
         warn(f"{name}: {remark}")
     taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
+    taken += [_describe_given(signal, source) for signal, source in given.items() if isinstance(source, Mapping)]
     taken += [text for text in proposal.remarks if text.endswith(NOT_READ)]
     recording = replace(to_recording(log, parse_mapping_without_force(content, name)), taken=", ".join(taken))
     return warn_of_signs(recording)
@@ -82,18 +86,38 @@ def warn_of_signs(recording: Recording) -> Recording:
     return recording
 
 
+def _same_column(source: Mapping[str, Any], found: Mapping[str, Any], signal: str) -> Mapping[str, Any]:
+    """Return what was found for a signal if it is the same column, else nothing."""
+    other = found.get(signal)
+    return other if isinstance(other, Mapping) and str(other.get("column")) == str(source.get("column")) else {}
+
+
+def _has_unit(source: Any) -> bool:
+    """Return whether a user said the unit of a column, too."""
+    return isinstance(source, Mapping) and bool({"unit", "scale"} & {*source})
+
+
+def _describe_given(signal: str, source: Mapping[str, Any]) -> str:
+    """Return what a user named for a signal, as what was found is shown."""
+    if "column" not in source:
+        return f"{signal} {source.get('constant', 'as given')}"
+    scale = f"times {source['scale']}" if "scale" in source else source.get("unit", "")
+    return f"{signal} from '{source['column']}'" + (f" [{scale}]" if scale else "")
+
+
 def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:
     """Return what a mapping file would hold: the text of a column, or a number, is short for it.
 
-    A column has the unit in its name, or that which its numbers were `found` to speak for.
+    A column without a unit has the unit in its name, or that which its numbers were `found` to speak for.
     """
     if isinstance(source, str):
-        unit, other = split_unit(source)[1], found.get(signal)
-        same = other if isinstance(other, Mapping) and str(other.get("column")) == source else {}
-        return {"column": source, **({"unit": unit.text} if unit else _scaling(same))}
+        source = {"column": source}
     if isinstance(source, Mapping):
-        unit = None if {"unit", "scale"} & {*source} else split_unit(str(source.get("column", "")))[1]
-        return {**source, **({"unit": unit.text} if unit else {})}
+        unit = split_unit(str(source.get("column", "")))[1]
+        known = (
+            {} if _has_unit(source) else {"unit": unit.text} if unit else _scaling(_same_column(source, found, signal))
+        )
+        return {**source, **known}
     if signal == "rate":
         return source
     try:

@@ -19,6 +19,7 @@ class TickLimits:
     MIN_CHANGE = 1e-3  # of an input's largest size: one that changes less is constant; 10 bits of a converter
     MIN_GAP_S, GAP_SAMPLES = 0.05, 10.0  # a gap is longer than 50 ms, and than ten samples (docs/speed.md)
     MIN_SAMPLES = 10  # of the position in time order: those of a gap
+    MAX_LOST = 0.5  # share of a recording without a force (a model of UTFSM on a road: 98 %; one of its kind: 2 %)
 
 
 class SamplingLimits:
@@ -106,6 +107,7 @@ class BandLimits:
     """How wide the band around a force is, and where nothing is known (docs/band.md)."""
 
     LEVEL = 0.9  # of the measured forces that it holds
+    MIN_HELD = 0.7  # of them, on a recording: nine dampers have 74 % and more (docs/band.md), a misfit (racing) 61 %
     MAX_DISTANCE = 4.0  # spreads: beyond it nothing is known about the error, and the band does not grow further
     CONSTANT_SHARE = 0.2  # of the squared error, which does not grow with the distance
     PHYSICAL_SHARE = 0.75  # the same for a structure with physics inside, whose error hardly grows

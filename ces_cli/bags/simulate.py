@@ -14,9 +14,7 @@ from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, PART, SIGNALS, Pr
 from ces_cli.terminal.outputs import print_document
 from ces_data.outputs import OUT, require_outputs
 from ces_data.signals_file import load_signals
-from ces_identify.simulations.simulate import sample_run
-from ces_identify.simulations.simulation import ModelSimulation
-from ces_identify.validation.checked import warnings_on
+from ces_identify.validation.checked import simulate_checked
 from ces_observer.json_text import write_atomically
 from ces_observer.records import declare
 
@@ -44,13 +42,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     simulation = open_simulation(request.sim)
     recording = terminal.read_one(path, signals, part=request.part)
     with terminal.step(f"simulating {recording.name}"):
-        inside = simulation.innermost
-        run = sample_run(inside.model, recording) if isinstance(inside, ModelSimulation) else None
-        own = None if inside is not simulation else run  # the run of a model without effects around it
-        force = simulation.force(with_predictions(simulation, path, recording, signals)) if own is None else own.force
+        extended = with_predictions(simulation, path, recording, signals)
+        force, run, warnings = simulate_checked(simulation, extended)
     stamps = recording.channel("position").stamps_ns
     known = np.isfinite(force)
-    for text in () if run is None else warnings_on(run, recording.name):
+    for text in warnings:
         terminal.print_warning(text)
     values = zip(((stamps - stamps[0]) * 1e-9).tolist(), force.tolist(), strict=True)
     write_atomically(request.out, "time_s,force_N\n" + "".join(f"{time:.9f},{newtons!r}\n" for time, newtons in values))

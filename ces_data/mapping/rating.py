@@ -210,6 +210,7 @@ USUAL = {  # units to try where none is stated, the likeliest first
     "acceleration": ("m/s2", "g"),
     "temperature": ("degC", "K"),
 }
+GUESSED = "taken as "  # before the unit that is likeliest by its range
 OR = "or in "  # before units that a guess leaves open
 
 
@@ -229,7 +230,7 @@ def guess_unit(candidate: Candidate, signal: str) -> tuple[Unit | None, str]:
         text = f"its unit is not known: a {what} of {number:.4g} is implausible in {', '.join(usual)}"
         return None, f"{text} (expected {low:g} to {high:g} in SI units)"
     chosen, *others = allowed
-    text = f"taken as {chosen}, because its {what} of {number:.4g} is plausible in {chosen}"
+    text = f"{GUESSED}{chosen}, because its {what} of {number:.4g} is plausible in {chosen}"
     excluded = usual[: usual.index(chosen)]
     text += f" and not in {', '.join(excluded)}" if excluded else ""
     text += f" ({OR}{' or '.join(others)}, which would be plausible, too)" if others else ""

@@ -30,6 +30,8 @@ from ces_observer.tick.tracker import (
     OLD_SPEED, ORIGIN, OUT_OF_ORDER, OUTLIER, PATIENCE, RESTARTED, TICKS, UNSETTLED,
 )  # fmt: skip
 
+DROPPED_OUTLIER = "outlier"  # a reason of `Series.dropped`
+
 
 @dataclass(frozen=True)
 class Series:
@@ -212,7 +214,7 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
     since_start = np.arange(len(position)) - np.repeat(segments[:, 0], np.diff(segments)[:, 0])
     dropped = dropped | {
         "out of order": int((status == OUT_OF_ORDER).sum()),
-        "outlier": int((status == OUTLIER).sum()),
+        DROPPED_OUTLIER: int((status == OUTLIER).sum()),
         "beyond the stroke": int((status == BEYOND_STROKE).sum()),
     }
     return Series(

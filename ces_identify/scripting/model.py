@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from ces_data.checks.check import check_each, check_together, require_sound
 from ces_data.checks.content import require_distinct, require_once
 from ces_data.findings import warn
 from ces_data.frames import import_pandas, import_pyplot
-from ces_data.logs.frame import is_frame
 from ces_data.outputs import MODEL, REPORT, require_outputs
 from ces_data.reading import (
     SIGNALS,
@@ -39,10 +38,11 @@ from ces_identify.prepare.series import Series, prepare
 from ces_identify.report.page import write_report
 from ces_identify.report.steady import CURVE_SPEEDS, recorded_currents, steady_forces
 from ces_identify.scripting.progress import Progress
-from ces_identify.scripting.recording import Recording
 from ces_identify.scripting.search_results import SearchResults
+from ces_identify.scripting.simulating import like, only, simulate, warn_all
 from ces_identify.simulations.prediction import predict_series
 from ces_identify.simulations.simulate import is_outside, sample_run, simulate_series
+from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.structures import model_section
 from ces_identify.structures.polynomial import coefficient_unit, format_term
 from ces_identify.validation.band import band_half_width
@@ -108,15 +108,7 @@ class Model(model.Model):
         may be one number. A DataFrame's force is a Series with its index. Warns of inputs outside `envelope`, which
         are clamped.
         """
-        if position_m is None and current_A is None and time_s is None:
-            given = _only(as_recordings(recording, need=SIGNALS[:2]))  # type: ignore[arg-type]
-        else:
-            given = _recording_of(recording if time_s is None else time_s, position_m, current_A)
-        run = sample_run(self, given)
-        _warn_all(warnings_on(run, given.name))
-        if not np.isfinite(run.force).any():
-            warn(f"{given.name}: no force at any sample; the first comes {self.warm_up_s:g} s after a start or a gap")
-        return _like(recording, given, run.force)
+        return simulate(ModelSimulation(self), recording, position_m, current_A, time_s)
 
     def predict(self, recording: RecordingInput, steps: int = 1) -> Any:
         """Return the force [N] at every position sample (n,), predicted `steps` ticks ahead from the measured ones.
@@ -126,11 +118,11 @@ class Model(model.Model):
         """
         if not isinstance(steps, int) or not 1 <= steps <= MAX_STEPS:
             raise CesError(f"steps: is {steps!r}; expected a whole number of ticks from 1 to {MAX_STEPS}")
-        given = _only(as_recordings(recording))
+        given = only(as_recordings(recording))
         run = sample_run(self, given)
-        _warn_all(warnings_on(run, given.name))
+        warn_all(warnings_on(run, given.name))
         force = predict_series(self, run.series, steps)[run.newest]
-        return _like(recording, given, np.where(np.isfinite(run.force), force, np.nan))
+        return like(recording, given, np.where(np.isfinite(run.force), force, np.nan))
 
     def validate(self, recordings: RecordingInputs) -> Evaluations:
         """Return the free run on each recording with its cost J [%] (`cost`) and RMS error (`rms_N`).
@@ -146,7 +138,7 @@ class Model(model.Model):
             evaluation, added = evaluate_checked(self, one, findings)
             evaluations.append(evaluation)
             findings += added
-        _warn_all(
+        warn_all(
             [*(describe_finding(f.text, given) for f in findings), *(text for e in evaluations for text in e.warnings)]
         )
         return Evaluations(evaluations)
@@ -187,7 +179,7 @@ class Model(model.Model):
         Times with inputs outside `envelope` are shaded. Raises CesError.
         """
         pyplot = import_pyplot()
-        one = _only(as_recordings(recording, need=SIGNALS[:2]))
+        one = only(as_recordings(recording, need=SIGNALS[:2]))
         series = prepare(one, self.sampling)
         run, is_measured = simulate_series(self, series), bool(np.isfinite(series.force).any())
         figure, (over_time, over_speed) = pyplot.subplots(
@@ -327,7 +319,7 @@ def identify_model(
     findings = check_together([*given, *held_out])
     findings = tuple(replace(f, text=describe_finding(f.text, [*given, *held_out])) for f in findings)
     require_sound(findings, ignored)
-    _warn_all(finding.text for finding in findings)
+    warn_all(finding.text for finding in findings)
 
     def listen(news: SearchResult | str) -> None:
         text = news if isinstance(news, str) else f"selection cost J = {news.cost:.2f} %, size {len(news.chosen)}"
@@ -339,43 +331,6 @@ def identify_model(
         warn(text)
     starts = SearchResults(result.search_results)
     return replace(as_model(result.model), evaluations=Evaluations(result.evaluations), search_results=starts)
-
-
-def _recording_of(time_s: Any, position_m: Any, current_A: Any) -> Recording:
-    """Return the recording of arrays; raises CesError if one is missing."""
-    for name, values in (("time_s", time_s), ("position_m", position_m), ("current_A", current_A)):
-        if values is None:
-            raise CesError(f"{name}: is missing; expected a recording, or all of time_s, position_m, current_A")
-    return Recording.from_arrays(time_s, position_m, current_A)
-
-
-def _like(given: object, recording: recording.Recording, force: F) -> Any:
-    """Return the force as a Series with the index of a DataFrame, or as it is."""
-    if not is_frame(given):
-        return force
-    pandas, index = import_pandas(), given.index  # type: ignore[attr-defined]
-    if len(force) != len(index):  # rows without a position have no sample
-        stamps = recording.channel("position").stamps_ns
-        every = np.unique(np.concatenate([channel.stamps_ns for channel in recording.channels.values()]))
-        at = np.searchsorted(every, stamps)
-        if len(every) == len(index):
-            whole = np.full(len(index), np.nan)
-            whole[at] = force
-            force = whole
-        else:
-            index = pandas.Index(1e-9 * (stamps - stamps[0]), name="time_s")
-    return pandas.Series(force, index=index, name="force_N")
-
-
-def _warn_all(texts: Iterable[str]) -> None:
-    for text in texts:
-        warn(text)
-
-
-def _only(recordings: Sequence[recording.Recording]) -> recording.Recording:
-    if len(recordings) != 1:
-        raise CesError(f"{len(recordings)} recordings given; expected one")
-    return recordings[0]
 
 
 def _is_empty(given: object) -> bool:

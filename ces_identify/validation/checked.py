@@ -7,18 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_data.checks.content import find_known_recording
 from ces_data.checks.units import signs_against_model, unit_against_model
 from ces_data.findings import WARNING, WRONG_MODEL, Finding
 from ces_data.limits import StatisticLimits
 from ces_data.recording import Recording
 from ces_identify.prepare.series import prepare
-from ces_identify.simulations.simulate import SampleRun
+from ces_identify.simulations.simulate import SampleRun, sample_run
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
     VALIDATION,
     Evaluation,
     describe_held,
+    describe_lost,
     describe_outside,
     evaluate,
     outside_ranges,
@@ -65,8 +68,18 @@ def reverse_signs(recording: Recording) -> Recording:
     return replace(recording, channels={**recording.channels, **turned})
 
 
+def simulate_checked(simulation: Simulation, recording: Recording) -> tuple[F, SampleRun | None, list[str]]:
+    """Return the force [N] at every position sample (n,), the run of the model inside, if any, and its warnings."""
+    inside = simulation.innermost
+    run = sample_run(inside.model, recording) if isinstance(inside, ModelSimulation) else None
+    force = simulation.force(recording) if run is None or inside is not simulation else run.force
+    return force, run, [] if run is None else list(warnings_on(run, recording.name))
+
+
 def warnings_on(run: SampleRun, name: str) -> Iterator[str]:
-    """Yield for how long inputs and force of a run on the recording `name` were outside the model's envelopes."""
+    """Yield for how long a run on the recording `name` has no force, or is outside the model's envelopes."""
+    if lost := describe_lost(name, float(np.mean(~np.isfinite(run.force))), run.series):
+        yield lost
     if uses := outside_ranges(run.model, run.series):
         yield describe_outside(name, float(np.mean(run.run.clamped)), uses)
     if held := describe_held(name, *run.held_at(np.isfinite(run.force))):

@@ -19,11 +19,11 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.limits import EnvelopeLimits, ErrorLimits
+from ces_identify.limits import BandLimits, EnvelopeLimits, ErrorLimits, TickLimits
 from ces_identify.numerics.correlation import add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
 from ces_identify.prepare.sampling import delay_text
-from ces_identify.prepare.series import FreeRun, Series
+from ces_identify.prepare.series import DROPPED_OUTLIER, FreeRun, Series
 from ces_identify.simulations.simulate import is_outside, simulate_series
 from ces_identify.validation.band import band_half_width
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
@@ -137,9 +137,23 @@ class Evaluation(PrintedResult):
         return describe_held(self.name, self.run.force_envelope_N, self.series.time_s[scored], self.run.held[scored])
 
     @property
+    def lost_text(self) -> str:
+        """For how much of the measured time there is no force, and why; empty if it is little."""
+        measured = int(np.isfinite(self.series.force).sum())
+        return describe_lost(self.name, 1.0 - float(self.series.scored.sum()) / max(measured, 1), self.series)
+
+    @property
+    def band_text(self) -> str:
+        """That the band holds far less than it is meant for; empty if it does not."""
+        if self.coverage is None or self.coverage >= BandLimits.MIN_HELD:
+            return ""
+        share = f"{100.0 * self.coverage:.0f} % of the measured forces, not the {100.0 * BandLimits.LEVEL:.0f} %"
+        return f"{self.name}: the band holds {share} that it is meant for"
+
+    @property
     def warnings(self) -> list[str]:
-        """For how long inputs and force were outside the model's envelopes; empty if they hardly were."""
-        return [text for text in (self.outside_text, self.held_text) if text]
+        """What is wrong with the run: lost, outside the model's envelopes, or outside its band; empty if little is."""
+        return [text for text in (self.lost_text, self.outside_text, self.held_text, self.band_text) if text]
 
     @property
     def coverage(self) -> float | None:
@@ -306,6 +320,19 @@ def find_outside(model: Model, signals: Mapping[str, F]) -> tuple[RangeUse, ...]
 def describe_outside(name: str, share: float, uses: Sequence[RangeUse]) -> str:
     """Return as text that recording `name` is outside for a share of the time, with the ranges of its signals."""
     return f"{name} is outside the model's envelope for {100.0 * share:.1f} % of the time: {'; '.join(map(str, uses))}"
+
+
+def describe_lost(name: str, share: float, series: Series) -> str:
+    """Return as text that there is no force for a share of the time, and why; empty if it is little."""
+    if share <= TickLimits.MAX_LOST:
+        return ""
+    lost = "".join(f"{count} positions dropped ({why}), " for why, count in series.dropped.items() if count)
+    count = len(series.segments)
+    starts = f"each of {count} starts" if count > 1 else "the start"
+    warm_up = f"a warm-up of {series.warm_up / series.rate_Hz:g} s"
+    most = max(filter(series.dropped.get, series.dropped), key=series.dropped.__getitem__, default="")
+    cause = "; it moves faster, or with more noise, than the recordings of the model" if most == DROPPED_OUTLIER else ""
+    return f"{name}: no force for {100.0 * share:.1f} % of the time: {lost}{warm_up} after {starts}{cause}"
 
 
 def describe_held(name: str, force_envelope_N: Range, time_s: F, held: Mask) -> str:

@@ -148,6 +148,10 @@ DOUBTS = {
         lambda m, r: ces.simulate(m, time_s=T, position_m=X, current_A=500.0),
         "multiply it by 0.001 if it is in mA",
     ),
+    "a short ride": (
+        lambda m, r: m.simulate(T[:300], X[:300], 0.5),
+        "no force for 83.3 % of the time: a warm-up of 0.5",
+    ),
     "another damper": (lambda m, r: ces.validate(m, columns(current_A=0.0 * T)), "outside the model's envelope for"),
     "other signs": (
         lambda m, r: m.validate(
@@ -176,22 +180,6 @@ def test_a_recording_is_cut_resampled_shown_and_written(road, tmp_path):
     assert "<table" in road._repr_html_() and "position" in repr(road)
 
 
-def test_a_frame_comes_back_as_it_was(road):
-    pandas = pytest.importorskip("pandas")
-    frame = road.to_frame()
-    assert [*frame] == [*road.resample(100.0).to_frame()] == ["position_m", "current_A", "force_N"]
-    again = ces.Recording.from_frame(frame)
-    np.testing.assert_allclose(again.channel("position").values, road.channel("position").values)
-    dated = frame.set_index(pandas.Timestamp("2026-03-01 12:00", tz="UTC") + pandas.to_timedelta(frame.index, unit="s"))
-    seconds = dated.set_index(dated.index - dated.index[0])
-    for other in (
-        dated,
-        seconds,
-        {name: frame[name].to_numpy() for name in frame} | {"time_s": frame.index.to_numpy()},
-    ):
-        assert ces.Recording.from_frame(other).duration_s == pytest.approx(road.duration_s, abs=1e-6)
-
-
 def test_simulations_come_alone_in_a_list_or_by_name_and_recordings_by_globs(model):
     pair = ces.compare([model, MODEL, lambda t, x, i: 9.0 * x], str(ROOT / "bags/r[o]ad"))
     assert [one.name for one in pair.models[:2]] == ["polynomial_narx", "sample"] and "lambda" in pair.models[2].name
@@ -201,13 +189,23 @@ def test_simulations_come_alone_in_a_list_or_by_name_and_recordings_by_globs(mod
     assert [one.sources for one in named] == [("measured", "sample"), ("measured", "mine")]
 
 
-def test_stamps_that_are_no_nanoseconds_are_told(model):
-    estimator = ces.Estimator(model)
-    assert all(estimator.step(k, 0.01, 0.5) is None for k in range(500))
-    assert estimator.reason.startswith("warming up: the stamps hardly go on; expected whole nanoseconds")
-    estimator.reset()
-    assert estimator.step(0, 0.01, 0.5) is None and estimator.step(1_000_000, 0.01, 0.5) is None
-    assert estimator.reason == "warming up"
+def test_whatever_can_be_compared_can_be_simulated_and_validated(model, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame(columns())
+
+    def force(time_s, position_m, current_A, *, scale=1.0):
+        return scale * 1500.0 * current_A * np.tanh(np.gradient(position_m, time_s) / 0.1)
+
+    np.testing.assert_allclose(ces.simulate(force, T, X, CURRENT), FORCE)
+    simulated = ces.simulate(force, table)
+    assert simulated.index.equals(table.index)
+    half = ces.calibrate(force, columns(force_N=0.5 * FORCE))
+    np.testing.assert_allclose(ces.simulate(half.simulation, table), 0.5 * FORCE, rtol=1e-3)
+    half_too_much, (exact,) = ces.validate(lambda t, x, i: 1.5 * force(t, x, i), table), ces.validate(force, table)
+    assert (exact.cost, exact.rms_N) == pytest.approx((0.0, 0.0), abs=1e-6)
+    (pair,) = ces.compare([force, lambda t, x, i: 1.5 * force(t, x, i)], table).pairs
+    assert half_too_much[0].cost == pytest.approx(-pair.pooled.value) and "unknown 5.5 s" in repr(half_too_much)
+    np.testing.assert_array_equal(ces.simulate(MODEL, table), model.simulate(table))
 
 
 def test_the_parameters_of_the_estimator_are_the_options_of_the_program():
@@ -301,7 +299,7 @@ MISTAKES = {
         "currents: 9 to 9 A; the model knows 0.25.* \\(envelope\\)",
     ),
     "no currents": (lambda m, r: m.force_speed([], 0.1), "currents: expected numbers"),
-    "a model": (lambda m, r: ces.validate(None, r), "model: expected a model or a path; got None"),
+    "a model": (lambda m, r: ces.validate(None, r), "model: expected a model, a function or a path; got None"),
     "no such model": (lambda m, r: ces.Estimator("x.json"), "x.json: no such model file"),
     "a model's type": (lambda m, r: ces.Estimator(5), "model: expected a model or the path of its file; got"),
     "a mistyped option": (lambda m, r: ces.identify(r, tims=5), "tims: is no option of identify; did you mean 'time'"),
@@ -385,26 +383,6 @@ def test_results_print_a_few_lines_and_a_table(road):
     for result in (ces.compare({"a": model, "b": other}, road), ces.characterise(road), ces.validate(model, road)[0]):
         assert "array(" not in repr(result) and repr(result).count("\n") < 30
         assert result._repr_html_().startswith("<p>")
-
-
-def test_results_have_frames_and_a_comparison_a_plot(road):
-    pandas = pytest.importorskip("pandas")
-    pyplot = pytest.importorskip("matplotlib.pyplot")
-    part = road.part(0, 12)
-    costs = ces.validate(MODEL, part)
-    frame = costs.to_frame()
-    assert frame["J_percent"][0] == costs[0].cost and frame["low_percent"][0] < costs[0].cost < frame["high_percent"][0]
-    pair = ces.compare([MODEL, lambda t, x, i: 3000.0 * np.gradient(x, t)], part)
-    assert list(pair.to_frame()["J_percent"]) == [one.costs[0].cost for one in pair.models]
-    (axes,) = pair.plot().axes
-    labels = axes.get_legend_handles_labels()[1]
-    assert labels[0] == "measured" and all(": J = " in label for label in labels[1:]) and len(labels) == 3
-    pyplot.close("all")
-    tables = ces.characterise(part)
-    assert len(tables.to_frame("speed_bins")) == len(tables.speed_bins) > 0
-    assert isinstance(tables.to_frame(), pandas.DataFrame)
-    with pytest.raises(ces.CesError, match="'loop': is no table; did you mean 'loops'"):
-        tables.to_frame("loop")
 
 
 def test_a_plot_shows_the_band_and_times_outside_the_envelope(model, road):

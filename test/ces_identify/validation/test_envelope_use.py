@@ -9,6 +9,7 @@ from ces_identify.prepare.series import Series
 from ces_identify.validation.evaluate import (
     VALIDATION,
     describe_held,
+    describe_lost,
     describe_outside,
     evaluate,
     find_outside,
@@ -77,6 +78,27 @@ def test_one_held_tick_is_told_of_and_is_no_doubt_in_the_model():
     text = describe_held("ride", (-900.4, 950.0), series().time_s, held)
     assert text == "ride: the force was held at its envelope (-900 to 950 N) for 0.05 % of the time, first at 1.35 s"
     assert describe_held("ride", (-900.4, 950.0), series().time_s, held & False) == ""
+
+
+def test_a_run_that_is_mostly_lost_says_why():
+    rest = replace(series(np.arange(N) > 1600), warm_up=500, dropped={"no current": 0, "outlier": 9})
+    (lost,) = evaluate(model(), [rest], VALIDATION)
+    assert lost.warnings == [
+        "ride: no force for 80.0 % of the time: 9 positions dropped (outlier), a warm-up of 0.5 s after the start; it "
+        "moves faster, or with more noise, than the recordings of the model"
+    ]
+    text = describe_lost("ride", 0.7, replace(rest, segments=np.array([[0, 900], [900, N]]), dropped={"outlier": 0}))
+    assert text == "ride: no force for 70.0 % of the time: a warm-up of 0.5 s after each of 2 starts"
+    assert describe_lost("ride", 0.4, rest) == ""
+
+
+def test_a_band_that_holds_far_too_little_is_told():
+    (run,) = evaluate(model(), [series()], VALIDATION)
+    narrow, wide = (
+        replace(run, half_width=np.abs(run.error) + np.where(np.arange(N) % 2, 1.0, ends)) for ends in (-1, 1)
+    )
+    assert narrow.warnings == ["ride: the band holds 50 % of the measured forces, not the 90 % that it is meant for"]
+    assert wide.warnings == []
 
 
 def test_inside_and_hardly_outside_say_nothing():
