@@ -224,6 +224,7 @@ def test_results_have_frames_and_a_comparison_a_plot():
     frame = costs.to_frame()
     assert frame["J_percent"][0] == costs[0].cost and frame["low_percent"][0] < costs[0].cost < frame["high_percent"][0]
     pair = ces.compare([MODEL, lambda t, x, i: 3000.0 * np.gradient(x, t)], part)
+    assert len(repr(pair.models)) < 2000 and ces.DamperModel(terms=3).get_params()["terms"] == 3
     assert list(pair.to_frame()["J_percent"]) == [one.costs[0].cost for one in pair.models]
     (axes,) = pair.plot().axes
     labels = axes.get_legend_handles_labels()[1]
