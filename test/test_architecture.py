@@ -70,7 +70,7 @@ MAX_PACKAGE = {
     "ces_observer": 144.7,
     "ces_data": 116.2,
     "ces_report": 14,
-    "ces_identify": 193.3,
+    "ces_identify": 193.4,
     "ces_rig": 71.9,
     "ces_gap": 129.3,
     "ces_cli": 67,

@@ -7,6 +7,7 @@ from typing import Any
 
 from ces_data.logs.log_file import join_names
 from ces_data.mapping.choice import PASSIVE
+from ces_data.mapping.rating import GUESSED
 from ces_observer.errors import Words
 from ces_observer.signals import UNITS
 
@@ -71,6 +72,5 @@ def script_remedy(found: Mapping[str, Any], names: Sequence[str], where: str, do
     of = f"; of {join_names(names)}" if names and "NAME" in repr(sources) else ""
     others = ["'current': 0.0 for a passive damper"] if "current" in sources else []
     others += ["'rate': 1000 [Hz] without a time"] if "time" in sources else []
-    return f"{of}; say which {'they are' if len(sources) > 1 else 'it is'}{where}: columns={sources}" + "".join(
-        f", or {other}" for other in others
-    )
+    what = "which they are" if len(sources) > 1 else "its unit" if f": {GUESSED}" in doubts[0] else "which it is"
+    return f"{of}; say {what}{where}: columns={sources}" + "".join(f", or {other}" for other in others)

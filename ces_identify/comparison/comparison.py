@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +59,7 @@ class ModelResult:
     """
 
     name: str
-    model: ComparedModel
+    model: ComparedModel = field(repr=False)
     costs: tuple[RecordingCost, ...]
     pooled: float
     pooled_interval: CostInterval | None

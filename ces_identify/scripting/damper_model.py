@@ -36,7 +36,16 @@ except ImportError:
         """Nothing."""
 
     class BaseEstimator:  # type: ignore[no-redef]
-        """Nothing."""
+        """What a user of scikit-learn expects of every estimator."""
+
+        def get_params(self, deep: bool = True) -> dict[str, Any]:
+            """Return the parameters by name."""
+            return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+        def __repr__(self) -> str:
+            given = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+            changed = [f for f in fields(self) if given[f.name] != f.default]  # type: ignore[arg-type]
+            return f"{type(self).__name__}({', '.join(f'{f.name}={given[f.name]!r}' for f in changed)})"
 
 
 class NotIdentifiedError(CesError, NotFittedError):  # type: ignore[misc]

@@ -184,31 +184,6 @@ def test_a_recording_is_cut_resampled_shown_and_written(road, tmp_path):
     assert "<table" in road._repr_html_() and "position" in repr(road)
 
 
-def test_a_frame_comes_back_as_it_was(road):
-    pandas = pytest.importorskip("pandas")
-    frame = road.to_frame()
-    assert [*frame] == [*road.resample(100.0).to_frame()] == ["position_m", "current_A", "force_N"]
-    again = ces.Recording.from_frame(frame)
-    np.testing.assert_allclose(again.channel("position").values, road.channel("position").values)
-    dated = frame.set_index(pandas.Timestamp("2026-03-01 12:00", tz="UTC") + pandas.to_timedelta(frame.index, unit="s"))
-    seconds = dated.set_index(dated.index - dated.index[0])
-    for other in (
-        dated,
-        seconds,
-        {name: frame[name].to_numpy() for name in frame} | {"time_s": frame.index.to_numpy()},
-    ):
-        assert ces.Recording.from_frame(other).duration_s == pytest.approx(road.duration_s, abs=1e-6)
-
-
-def test_stamps_that_are_no_nanoseconds_are_told(model):
-    estimator = ces.Estimator(model)
-    assert all(estimator.step(k, 0.01, 0.5) is None for k in range(500))
-    assert estimator.reason.startswith("warming up: the stamps hardly go on; expected whole nanoseconds")
-    estimator.reset()
-    assert estimator.step(0, 0.01, 0.5) is None and estimator.step(1_000_000, 0.01, 0.5) is None
-    assert estimator.reason == "warming up"
-
-
 WRITERS = {
     "model.json": lambda m, r, path, more: m.save(path, **more),
     "page.html": lambda m, r, path, more: m.report(path, r, **more),
@@ -364,26 +339,6 @@ def test_results_print_a_few_lines_and_a_table(road):
     for result in (ces.compare({"a": model, "b": other}, road), ces.characterise(road), ces.validate(model, road)[0]):
         assert "array(" not in repr(result) and repr(result).count("\n") < 30
         assert result._repr_html_().startswith("<p>")
-
-
-def test_results_have_frames_and_a_comparison_a_plot(road):
-    pandas = pytest.importorskip("pandas")
-    pyplot = pytest.importorskip("matplotlib.pyplot")
-    part = road.part(0, 12)
-    costs = ces.validate(MODEL, part)
-    frame = costs.to_frame()
-    assert frame["J_percent"][0] == costs[0].cost and frame["low_percent"][0] < costs[0].cost < frame["high_percent"][0]
-    pair = ces.compare([MODEL, lambda t, x, i: 3000.0 * np.gradient(x, t)], part)
-    assert list(pair.to_frame()["J_percent"]) == [one.costs[0].cost for one in pair.models]
-    (axes,) = pair.plot().axes
-    labels = axes.get_legend_handles_labels()[1]
-    assert labels[0] == "measured" and all(": J = " in label for label in labels[1:]) and len(labels) == 3
-    pyplot.close("all")
-    tables = ces.characterise(part)
-    assert len(tables.to_frame("speed_bins")) == len(tables.speed_bins) > 0
-    assert isinstance(tables.to_frame(), pandas.DataFrame)
-    with pytest.raises(ces.CesError, match="'loop': is no table; did you mean 'loops'"):
-        tables.to_frame("loop")
 
 
 def test_a_plot_shows_the_band_and_times_outside_the_envelope(model, road):

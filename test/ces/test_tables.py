@@ -91,7 +91,7 @@ def test_what_was_found_is_shown():
 def test_a_unit_that_is_a_guess_is_not_taken_for_a_named_column_either(named):
     content = table(x_mm=None, stroke=2e3 * X)
     with pytest.raises(
-        ces.CesError, match=r"taken as mm, .*; say which it is: columns={'position': {'column': 'stroke', "
+        ces.CesError, match=r"taken as mm, .*; say its unit: columns={'position': {'column': 'stroke', "
     ):
         ces.Recording.from_frame(content, columns=named)
     said = ces.Recording.from_frame(content, columns={"position": {"column": "stroke", "unit": "mm"}})
@@ -197,3 +197,50 @@ def test_a_simulation_has_every_row_of_the_frame():
     frame.loc[1000:1040, "x_mm"] = np.nan
     force = ces.simulate(MODEL, frame)
     assert force.index.equals(frame.index) and force[1000:1040].isna().all() and force[1900:].notna().all()
+
+
+def test_a_frame_comes_back_as_it_was():
+    pandas = pytest.importorskip("pandas")
+    road = ces.Recording.load(ROOT / "bags/road")
+    frame = road.to_frame()
+    assert [*frame] == [*road.resample(100.0).to_frame()] == ["position_m", "current_A", "force_N"]
+    again = ces.Recording.from_frame(frame)
+    np.testing.assert_allclose(again.channel("position").values, road.channel("position").values)
+    dated = frame.set_index(pandas.Timestamp("2026-03-01 12:00", tz="UTC") + pandas.to_timedelta(frame.index, unit="s"))
+    seconds = dated.set_index(dated.index - dated.index[0])
+    for other in (
+        dated,
+        seconds,
+        {name: frame[name].to_numpy() for name in frame} | {"time_s": frame.index.to_numpy()},
+    ):
+        assert ces.Recording.from_frame(other).duration_s == pytest.approx(road.duration_s, abs=1e-6)
+
+
+def test_results_have_frames_and_a_comparison_a_plot():
+    pandas = pytest.importorskip("pandas")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    part = ces.Recording.load(ROOT / "bags/road").part(0, 12)
+    costs = ces.validate(MODEL, part)
+    frame = costs.to_frame()
+    assert frame["J_percent"][0] == costs[0].cost and frame["low_percent"][0] < costs[0].cost < frame["high_percent"][0]
+    pair = ces.compare([MODEL, lambda t, x, i: 3000.0 * np.gradient(x, t)], part)
+    assert len(repr(pair.models)) < 2000 and ces.DamperModel(terms=3).get_params()["terms"] == 3
+    assert list(pair.to_frame()["J_percent"]) == [one.costs[0].cost for one in pair.models]
+    (axes,) = pair.plot().axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels[0] == "measured" and all(": J = " in label for label in labels[1:]) and len(labels) == 3
+    pyplot.close("all")
+    tables = ces.characterise(part)
+    assert len(tables.to_frame("speed_bins")) == len(tables.speed_bins) > 0
+    assert isinstance(tables.to_frame(), pandas.DataFrame)
+    with pytest.raises(ces.CesError, match="'loop': is no table; did you mean 'loops'"):
+        tables.to_frame("loop")
+
+
+def test_stamps_that_are_no_nanoseconds_are_told():
+    estimator = ces.Estimator(MODEL)
+    assert all(estimator.step(k, 0.01, 0.5) is None for k in range(500))
+    assert estimator.reason.startswith("warming up: the stamps hardly go on; expected whole nanoseconds")
+    estimator.reset()
+    assert estimator.step(0, 0.01, 0.5) is None and estimator.step(1_000_000, 0.01, 0.5) is None
+    assert estimator.reason == "warming up"
