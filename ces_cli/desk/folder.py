@@ -59,7 +59,8 @@ class ServedFolder:
 
     def __init__(self, path: Path) -> None:
         if not path.is_dir():
-            raise CesError(f"{path}: no such folder; expected the folder to work in")
+            problem = "is not a folder" if path.exists() else "no such folder"
+            raise CesError(f"{path}: {problem}; expected the folder to work in")
         self.root = path.resolve()
 
     def find(self, relative: str) -> Path:
