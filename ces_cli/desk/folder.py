@@ -59,8 +59,7 @@ class ServedFolder:
 
     def __init__(self, path: Path) -> None:
         if not path.is_dir():
-            problem = "is not a folder" if path.exists() else "no such folder"
-            raise CesError(f"{path}: {problem}; expected the folder to work in")
+            raise CesError(f"{path}: {'is not a' if path.exists() else 'no such'} folder; expected one to work in")
         self.root = path.resolve()
 
     def find(self, relative: str) -> Path:
