@@ -67,7 +67,7 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 144.7,
+    "ces_observer": 145,
     "ces_data": 116.2,
     "ces_report": 14,
     "ces_identify": 193.4,

@@ -7,6 +7,7 @@ if all of them are at most `gain` < 1, two pasts come closer by this factor in e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Self
@@ -58,6 +59,11 @@ class Experts(Structure):
     past_force: lagged.Regressor = part()
     scale_N: float = lagged.spread("N")
     experts: tuple[Expert, ...] = items(1, FileLimits.MAX_ITEMS)
+
+    @property
+    def uses(self) -> Sequence[str]:
+        """The inputs among its inputs."""
+        return lagged.list_used(self.inputs)
 
     @property
     def size(self) -> str:

@@ -80,6 +80,11 @@ class Fuzzy(Structure):
     rules: tuple[Rule, ...] = items(1, FileLimits.MAX_RULES)
 
     @property
+    def uses(self) -> Sequence[str]:
+        """The inputs among its regressors and premises."""
+        return lagged.list_used([*self.regressors, *self.premises])
+
+    @property
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.rules)} rules on {len(self.regressors)} regressors"

@@ -12,7 +12,7 @@ from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.intervals import Interval, add, down, product, up
 from ces_observer.records import bounded, choice
-from ces_observer.structures.structure import Ranges
+from ces_observer.structures.structure import INPUTS, Ranges
 from ces_observer.tick import lagged as tick
 
 SIGNALS = ("force", "speed", "current", "position")
@@ -79,6 +79,12 @@ def longest_lags(signals: Iterable[Lagged]) -> tuple[int, int]:
     lags = [(one.signal == "force", one.lag) for one in signals]
     past, inputs = (max((lag for own, lag in lags if own is is_past), default=0) for is_past in (True, False))
     return past, inputs
+
+
+def list_used(signals: Iterable[Lagged]) -> list[str]:
+    """Return the names of the inputs among lagged signals."""
+    names = {one.signal for one in signals}
+    return [name for name in INPUTS if name in names]
 
 
 def fill_lagged(layout: ArrayLayout, regressors: Sequence[Regressor]) -> None:

@@ -8,6 +8,7 @@ b is the output at a past of zeros, bounded over the input envelope by interval 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import exp
@@ -55,6 +56,11 @@ class Network(Structure):
     constant: float = lagged.weight()
     linear: tuple[float, ...] = lagged.weight()
     units: tuple[SigmoidUnit, ...] = items(0, FileLimits.MAX_RULES)
+
+    @property
+    def uses(self) -> Sequence[str]:
+        """The inputs among its regressors."""
+        return lagged.list_used(self.regressors)
 
     @property
     def size(self) -> str:

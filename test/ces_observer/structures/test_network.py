@@ -54,6 +54,15 @@ def test_inputs_before_the_first_tick_are_the_first_ones():
     assert r.tick(0.0, 0.25, 0.0) == 0.25
 
 
+def test_only_an_input_among_the_regressors_can_be_outside():
+    network = Network((Regressor("speed", 1, 0.0, 1.0), Regressor("force", 1, 0.0, 1.0)), 1.0, 0.0, (1.0, 0.5), ())
+    r = run(network)
+    r.tick(9.0, 0.25, -9.0)
+    assert (network.uses, r.clamped) == (["speed"], False)
+    r.tick(0.0, 1.5, 0.0)
+    assert r.clamped
+
+
 def test_a_force_out_of_its_envelope_is_held_also_as_a_past_force():
     r = run(Network((Regressor("force", 1, 0.0, 50.0),), 50.0, -3.0, (-0.5,), ()), (-100.0, 1e3))
     assert (r.tick(0.0, 0.0, 0.0), r.held) == (-100.0, True)
