@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 129.3,
     "ces_cli": 67,
     "bench": 72.5,
-    "test": 484,
+    "test": 484.1,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
