@@ -72,10 +72,10 @@ MAX_PACKAGE = {
     "ces_report": 14,
     "ces_identify": 193.4,
     "ces_rig": 71.9,
-    "ces_gap": 129.3,
+    "ces_gap": 129.4,
     "ces_cli": 67,
     "bench": 72.5,
-    "test": 484.1,
+    "test": 484.2,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

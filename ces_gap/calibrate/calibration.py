@@ -65,6 +65,11 @@ class FittedParameter:
         ratio, most = self.value / self.default if self.default else 1.0, ParameterLimits.DOUBTFUL
         return self.determined and (self.at_bound or not 1.0 / most <= ratio <= most)
 
+    @property
+    def is_beside(self) -> bool:
+        """Whether its fitted value is surely another than its default, though it is no part of the best explanation."""
+        return self.determined and not self.matters and not self.ci95[0] <= self.default <= self.ci95[1]
+
 
 @dataclass(frozen=True)
 class MissingEffect:

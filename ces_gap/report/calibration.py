@@ -58,6 +58,8 @@ def _describe_changes(c: Calibration, changed: Sequence[FittedParameter]) -> str
     both = {1: "it", 2: "both"}.get(len(changed), "them")
     if c.after_N >= c.before_N:  # they show beside the missing effect only
         return f"{describe_values(changed)}, beside an effect that is missing in the gap of {before} RMS."
+    if beside := [p.name for p in c.parameters if p.is_beside]:
+        both += f" and the fitted {join_with(beside)}"
     return (
         f"{describe_values(changed)}. With {both} the gap shrinks from {before} to {after} RMS on held-out recordings."
     )
@@ -124,7 +126,9 @@ def _remark(p: FittedParameter) -> str:
         return "not determined, held at its default"
     if p.at_bound:
         return "at its bound"
-    return "far from its default" if p.is_doubtful else "" if p.matters else "no change needed"
+    if p.is_doubtful:
+        return "far from its default"
+    return "" if p.matters else "changed, too" if p.is_beside else "no change needed"
 
 
 def _fitted(p: FittedParameter) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,6 +32,10 @@ def test_two_parameters_are_found_with_intervals_that_hold_them_and_the_gap_clos
     text = describe(result)
     assert re.match(r"knee_m_s is 0.10\d*, not 0.12 \(0.10\d* to 0.10\d*\) and gas_N_m ", text)
     assert "With both the gap shrinks from " in text
+    beside = replace(
+        result, parameters=tuple(replace(p, matters=p.name != "gas_N_m" and p.matters) for p in result.parameters)
+    )
+    assert "With it and the fitted gas_N_m the gap shrinks from " in describe(beside)
 
 
 def test_what_moves_with_others_is_held_at_its_default_and_said() -> None:
