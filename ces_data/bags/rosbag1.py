@@ -22,21 +22,21 @@ BATCH = 5_000  # messages per block
 def list_topics(path: Path) -> tuple[StoredTopic, ...]:
     """Return the topics of a bag, with definitions as ROS 2 has them; raises RecordingError if it is damaged."""
     with _reading(path) as reader:
-        return _stored(reader.connections)
+        return _list_stored(reader.connections)
 
 
 def blocks(path: Path, topics: Sequence[int]) -> Iterator[Block]:
     """Yield the messages of these topics; raises RecordingError if the bag is damaged."""
     with _reading(path) as reader:
         connections = [c for c in reader.connections if c.id in set(topics)]
-        convert = {topic.id: make_converter(topic) for topic in _stored(connections)}
+        convert = {topic.id: make_converter(topic) for topic in _list_stored(connections)}
         messages = reader.messages(connections=connections)
         while batch := list(islice(messages, BATCH)):
             payloads = [convert[c.id](raw) for c, _, raw in batch]
             yield Block.join(payloads, [c.id for c, _, _ in batch], [stamp_ns for _, stamp_ns, _ in batch])
 
 
-def _stored(connections: Iterable[Connection]) -> tuple[StoredTopic, ...]:
+def _list_stored(connections: Iterable[Connection]) -> tuple[StoredTopic, ...]:
     return tuple(StoredTopic(c.id, c.topic, c.msgtype, as_ros2(c.msgdef.data), "cdr", c.msgcount) for c in connections)
 
 

@@ -131,7 +131,7 @@ def _remark(p: FittedParameter) -> str:
     return "" if p.matters else "changed, too" if p.is_beside else "no change needed"
 
 
-def _fitted(p: FittedParameter) -> tuple[str, str]:
+def _format_fitted(p: FittedParameter) -> tuple[str, str]:
     """Return the value of a parameter and its interval, both empty if it is not determined."""
     return format_within(p.value, *p.ci95) if p.determined else ("", "")
 
@@ -139,10 +139,10 @@ def _fitted(p: FittedParameter) -> tuple[str, str]:
 COLUMNS: tuple[Column[FittedParameter], ...] = (
     Column("Parameter", lambda p: f"{p.name} [{p.unit}]" if p.unit else p.name),
     Column("Default", lambda p: format_number(p.default), figure=True),
-    Column("Fitted", lambda p: _fitted(p)[0], figure=True),
+    Column("Fitted", lambda p: _format_fitted(p)[0], figure=True),
     Column(
         "95\N{NO-BREAK SPACE}% interval",
-        lambda p: _fitted(p)[1],
+        lambda p: _format_fitted(p)[1],
         figure=True,
     ),
     Column("Remark", _remark),

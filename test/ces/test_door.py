@@ -36,16 +36,6 @@ def without_force():
     return {name: values for name, values in columns().items() if name != "force_N"}
 
 
-@pytest.fixture(scope="module")
-def road():
-    return ces.Recording.load(ROAD)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return ces.Model.load(MODEL)
-
-
 def test_the_door_shows_its_names_and_no_others():
     assert dir(ces) == ces.__all__ == sorted(ces.__all__)
     for name in ces.__all__:

@@ -15,16 +15,6 @@ import ces
 from ces_identify.options import list_options
 
 
-@pytest.fixture(scope="module")
-def road():
-    return ces.Recording.load(ROAD)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return ces.Model.load(MODEL)
-
-
 def test_simulations_come_alone_in_a_list_or_by_name_and_recordings_by_globs(model):
     pair = ces.compare([model, MODEL, lambda t, x, i: 9.0 * x], str(ROOT / "bags/r[o]ad"))
     assert [one.name for one in pair.models[:2]] == ["polynomial_narx", "sample"] and "lambda" in pair.models[2].name
