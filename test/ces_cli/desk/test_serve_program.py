@@ -55,7 +55,7 @@ def test_mistakes_are_one_line(
     assert "flask and plotly: not installed; pip install 'ces_observer[serve]'" in said
     monkeypatch.setattr("ces_cli.desk.program.find_spec", lambda name: name)
     pytest.importorskip("flask", reason="Flask is not installed")
-    assert "expected the folder to work in" in error_line(capsys, "serve", tmp_path / "missing")
+    assert "no such folder; expected one to work in" in error_line(capsys, "serve", tmp_path / "missing")
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
