@@ -41,14 +41,6 @@ class SamplingLimits:
     DELAY_SLACK = 0.02  # ticks by which a delay may be off a whole number: 3 ms are 9.015 ticks at Dyke's 3,005 Hz
 
 
-class WeightLimits:
-    """Regions of ticks with a weight of their own (thesis, section 6.3)."""
-
-    SLOW_M_S = 0.05  # [m/s] |speed| of a zero crossing, by default: a quarter of the road's RMS speed
-    CENTRAL = 0.8  # share of the stroke between its ends, by default
-    MAX_WEIGHT = 1e6  # one tick of 17 min at 1 kHz then counts as much as all others
-
-
 class ErrorLimits:
     """How far sums of correlated errors may be off: what is slower than a recording shows (docs of `correlation`)."""
 
@@ -117,7 +109,6 @@ class BandLimits:
 class FoldLimits:
     """Parts of recordings that a model has not seen."""
 
-    MIN_STRETCH_S = 2.0  # [s] of a stretch of a single recording as a fold: one without warm-up and a swing
     MAX_PARTS = 4  # recordings left out in turn by `cross_fit`, or groups of them: a refit each
     STRETCHES = 3  # of a recording, left out in turn (docs/band.md)
 
@@ -178,7 +169,7 @@ class ComparisonLimits:
     MIN_SECONDS = 2.0 * ErrorLimits.SLOWEST_S  # [s] of all recordings together, to tell that there is no difference
 
 
-class VerdictLimits:
+class MisfitLimits:
     """What a report says in words: whether a model fits, and what to record next."""
 
     MISFIT_J = 30.0  # [%] J from which a model does not fit, docs/reports.md

@@ -11,7 +11,6 @@ from typing import Any
 from markupsafe import Markup
 
 from ces_identify.physical.quantities import ERRORS
-from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.sampling import delay_text
 from ces_identify.report.figures import (
     MAX_DOTS,
@@ -67,12 +66,11 @@ def write_report(
     model: Model,
     evaluations: Sequence[Evaluation],
     facts: Mapping[str, str] | None = None,
-    weighting: Weighting = EQUAL,
 ) -> None:
     """Write the page about `model` and its `evaluations`, HTML that is also well-formed XML, to `path`.
 
-    `facts` are shown with the provenance. A `weighting` adds the weighted J of each
-    recording. Raises CesError if `path` cannot be written; an existing file then stays unchanged.
+    `facts` are shown with the provenance. Raises CesError if `path` cannot be written; an existing file then stays
+    unchanged.
     """
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
     held_out = [e for e in ordered if e.role == VALIDATION]
@@ -96,10 +94,8 @@ def write_report(
         model=model,
         costs=cost_table(
             ordered,
-            weighting=weighting,
             anchors={(ordered[i].name, ordered[i].role): f"recording-{i}" for i in reversed(drawn)},
         ),
-        weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
         pooled=pool_evaluations(held_out) if all(math.isfinite(e.cost) for e in held_out) else None,

@@ -53,7 +53,7 @@ def _fit(
     kinds: Sequence[str], rows: int, series: Sequence[Series], sampling: Sampling, how: IdentifyOptions, tell: Listener
 ) -> Fitted:
     """Return the best network of these kinds; raises CesError if there is none."""
-    training = build_training(series, how.weight)
+    training = build_training(series)
     scales = read_scales(training, sampling.rate_Hz, how.forget)
     held = is_held(training, sampling.rate_Hz)
     end_s = clock_s() + how.limits.time

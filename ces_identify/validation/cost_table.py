@@ -21,7 +21,7 @@ from ces_data.reading import import_pandas
 from ces_data.recording import Recording
 from ces_identify.limits import TickLimits
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
-from ces_identify.prepare.cost import EQUAL, Weighting, cost
+from ces_identify.prepare.cost import cost
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, CostInterval, Evaluation
 from ces_observer.model import Model
@@ -39,15 +39,14 @@ RULE = (
 def cost_table(
     evaluations: Sequence[Evaluation],
     title: str = "",
-    weighting: Weighting = EQUAL,
     exact: bool = True,
     anchors: Mapping[tuple[str, str], str] | None = None,
 ) -> Table[Evaluation]:
     """Return a table with a row for each evaluation; on a page, names (of a role) are links to their `anchors`.
 
-    Columns: role and scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the weighted
-    J if there are weights, the RMS error, the share of ticks outside the envelope, and that of measured forces inside
-    the band, if the model has one. With `exact` the evaluations are those of the identification itself.
+    Columns: role and scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the RMS
+    error, the share of ticks outside the envelope, and that of measured forces inside the band, if the model has
+    one. With `exact` the evaluations are those of the identification itself.
     """
     ends = [e.interval.high if e.interval else e.cost for e in evaluations if math.isfinite(e.cost)]
     scale = 100.0 / max([*ends, 1e-9])
@@ -93,9 +92,6 @@ def cost_table(
         Column("J [%]", cost_text, figure=True, html=bar, css="j", head_css="j", short="J %"),
         Column("95 % interval [%]", lambda e: interval_text(e.interval), figure=True, short="95 %"),
         Column("Noise floor [%]", number(lambda e: e.floor, ".2f"), figure=True, short="floor") if floors else None,
-        Column("Weighted J [%]", number(lambda e: e.weighted_cost(weighting), ".2f"), figure=True, short="weighted")
-        if weighting
-        else None,
         Column("RMS error [N]", number(lambda e: e.rms_N, ".1f"), figure=True, short="RMS N"),
         Column("Outside envelope [%]", number(lambda e: 100 * e.outside_share, ".1f"), figure=True, short="out %"),
         Column("Inside band [%]", number(lambda e: e.coverage and 100 * e.coverage, ".1f"), figure=True, short="band %")

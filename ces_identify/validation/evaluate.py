@@ -21,7 +21,7 @@ import numpy as np
 from ces_data.arrays import F, I, Mask
 from ces_identify.limits import BandLimits, EnvelopeLimits, ErrorLimits, TickLimits
 from ces_identify.numerics.correlation import add_errors, estimate_sum_error, sum_bins
-from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
+from ces_identify.prepare.cost import require_force, series_cost
 from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import DROPPED_OUTLIER, FreeRun, Series
 from ces_identify.simulations.simulate import is_outside, simulate_series
@@ -161,13 +161,6 @@ class Evaluation(PrintedResult):
         if self.half_width is None:
             return None
         return float(np.mean(np.abs(self.error) <= self.half_width[self.series.scored]))
-
-    def weighted_cost(self, weighting: Weighting) -> float:
-        """Return the weighted J [%]; NaN where no weighted tick is scored."""
-        scored = self.series.scored
-        return weighted_cost(
-            self.series.force[scored], self.run.force[scored], weighting.tick_weights(self.series)[scored]
-        )
 
 
 def describe_size(model: Model) -> str:

@@ -33,8 +33,7 @@ from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, cost_interval, evaluate, pooled_cost
 from ces_observer.model import Model, Sampling
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Term
+from ces_observer.structures.polynomial import Polynomial, Term
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import INTERVAL_S, NEED, RigCommands, read_commands
 from ces_rig.experiments.designer import (
@@ -124,7 +123,7 @@ def refitter(previous: Model) -> Fitter:
     """Return a fitter that improves the coefficients of the polynomial `previous` on new data and keeps its terms."""
 
     def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
-        problem = assemble_problem(series, _terms(previous), options.certificate, options.weight)
+        problem = assemble_problem(series, _terms(previous), options.certificate)
         old = Model(sampling, previous.body, problem.envelope, problem.force_envelope)
         better = _improve(problem, old, np.ones(len(problem.everything)))
         model = better if better is not None and better.is_stable() else old

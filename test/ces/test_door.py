@@ -205,7 +205,6 @@ MISTAKES = {
     "no numbers": (lambda m, r: ces.identify(columns(position_m=np.nan)), "'position_m' holds too few numbers"),
     "no such bag": (lambda m, r: ces.identify("none"), "none: no such file or folder"),
     "time as text": (lambda m, r: ces.identify(r, time="ten"), "time is 'ten'; expected a number from"),
-    "a region": (lambda m, r: ces.identify(r, weight="much"), "weight='much': expected"),
     "two delays": (lambda m, r: ces.identify(r, delay=(0, 0.003)), "expected a number from 0 to 0.02 s"),
     "terms of a network": (
         lambda m, r: ces.identify(r, structure="hydraulic", terms=3),
