@@ -28,7 +28,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     "ces_observer": (
         "limits arrival_clock errors json_text fields shapes records options current_hold lazy_names proof "
         "reasons tick core flat bank_design signals band structures cdr model estimator "
-        "damper_observer health control nodes"
+        "damper_observer intake health control nodes"
     ),
     "ces_data": (
         "limits outputs arrays waveforms compilation recording config_file log_formats units findings samples bags "
@@ -67,7 +67,7 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 145,
+    "ces_observer": 145.3,
     "ces_data": 116.2,
     "ces_report": 14,
     "ces_identify": 193.4,
@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 129.4,
     "ces_cli": 67,
     "bench": 72.5,
-    "test": 484.2,
+    "test": 484.8,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
