@@ -28,7 +28,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     "ces_observer": (
         "limits arrival_clock errors json_text fields shapes records options current_hold lazy_names proof "
         "reasons tick core flat bank_design signals structures cdr model estimator "
-        "damper_observer health control nodes"
+        "damper_observer intake health control nodes"
     ),
     "ces_data": (
         "limits outputs arrays waveforms compilation recording config_file log_formats units findings samples bags "
@@ -67,15 +67,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 144.5,
+    "ces_observer": 144.9,
     "ces_data": 114.9,
-    "ces_report": 14,
-    "ces_identify": 190.1,
-    "ces_rig": 71.6,
-    "ces_gap": 129.1,
+    "ces_report": 14.1,
+    "ces_identify": 190.4,
+    "ces_rig": 77.9,
+    "ces_gap": 129.6,
     "ces_cli": 64.9,
     "bench": 72.5,
-    "test": 481.7,
+    "test": 483.1,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -83,10 +83,11 @@ def model_facts(model: Model) -> dict[str, Any]:
 
 
 def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:
-    """Print what the column `band %` shows, if the model has a band."""
-    if model.band is None:
+    """Print what the column `band %` shows, if the model has a band there."""
+    halves = (e.half_width[e.series.scored] for e in evaluations if e.half_width is not None)
+    widths = [float(known.mean()) for half in halves if len(known := half[np.isfinite(half)])]
+    if model.band is None or not widths:
         return
-    widths = [float(np.mean(e.half_width[e.series.scored])) for e in evaluations if e.half_width is not None]
     print(
         f"band: meant to hold {100 * model.band.level:.0f} % of the measured forces, sensor noise included; column "
         f"'band %' is the share it holds; mean half-width {describe_range(min(widths), max(widths))} N"

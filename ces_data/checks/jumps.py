@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ces_data.arrays import F, I
+from ces_data.arrays import I
 from ces_data.checks.delays import ROWS, DelayEstimate, as_delay, choose_rows, force_delay
 from ces_data.checks.motion import (
     RATE_HZ,
@@ -170,8 +170,8 @@ def find_drift_within(motion: RecordedMotion, delay: DelayEstimate | None = None
     """Return a finding if the force fits clearly better at a delay that grows with time than at none and at `delay`."""
     seconds = len(motion) / RATE_HZ
     rates = np.linspace(-DriftLimits.MAX_RATE, DriftLimits.MAX_RATE, 2 * DRIFT_STEPS + 1)
-    rows = choose_rows(motion, round(DriftLimits.MAX_RATE * seconds * RATE_HZ), ROWS)
-    if len(rows) < DelayLimits.MIN_TICKS // 2 or motion.force.std() == 0.0 or not _moves_throughout(motion.speed[rows]):
+    rows = _choose_moving_rows(motion)
+    if len(rows) < DelayLimits.MIN_TICKS // 2 or motion.force.std() == 0.0:
         return None
     features, ticks = force_features(motion), np.arange(len(motion))
     features = np.concatenate([features, *alternative_features(motion).values()])[:, rows].T
@@ -192,10 +192,18 @@ def find_drift_within(motion: RecordedMotion, delay: DelayEstimate | None = None
     )
 
 
-def _moves_throughout(speed: F) -> bool:
-    """Return whether each third of the time moves: where the piston rests, nothing tells how late the force is."""
-    thirds = [float(np.sqrt(np.mean(part**2))) for part in np.array_split(speed, len(THIRDS))]
-    return min(thirds) > DriftLimits.MIN_MOTION * max(thirds)
+def _choose_moving_rows(motion: RecordedMotion) -> I:
+    """Return ticks from the first motion to the last; none unless that is most of the time, and each third moves.
+
+    Where the piston rests, nothing tells how late the force is.
+    """
+    rows, least = choose_rows(motion, round(DriftLimits.MAX_RATE * len(motion)), ROWS), DriftLimits.MIN_MOTION
+    moving = np.flatnonzero(np.abs(motion.speed[rows]) > least * np.abs(motion.speed).max())
+    rows = rows[moving[0] : moving[-1] + 1] if len(moving) else rows[:0]
+    if len(rows) < 2 or rows[-1] - rows[0] < DriftLimits.MIN_MOVING * len(motion):
+        return rows[:0]
+    thirds = [float(np.sqrt(np.mean(part**2))) for part in np.array_split(motion.speed[rows], len(THIRDS))]
+    return rows if min(thirds) > least * max(thirds) else rows[:0]
 
 
 def _describe_drift(first_s: float, last_s: float) -> Finding:

@@ -41,7 +41,13 @@ from ces_identify.report.steady import CURVE_SPEEDS, recorded_currents, steady_f
 from ces_identify.scripting.progress import Progress
 from ces_identify.scripting.search_results import SearchResults
 from ces_identify.scripting.simulating import like, only, simulate, warn_all
-from ces_identify.simulations.simulate import is_outside, predict_series, sample_run, simulate_series
+from ces_identify.simulations.simulate import (
+    force_at_samples,
+    is_outside,
+    predict_series,
+    sample_run,
+    simulate_series,
+)
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.structures import model_section
 from ces_identify.structures.polynomial import coefficient_unit, format_term
@@ -113,15 +119,19 @@ class Model(model.Model):
     def predict(self, recording: RecordingInput, steps: int = 1) -> Any:
         """Return the force [N] at every position sample (n,), predicted `steps` ticks ahead from the measured ones.
 
-        A model without its own past force in it, such as a hydraulic network, predicts what it simulates. NaN where
-        `simulate` has none; a DataFrame's force is a Series with its index. Raises CesError without a measured force.
+        A model without its own past force in it, such as a hydraulic network, predicts what it simulates, as does a
+        prediction over more ticks than a stretch has. NaN where `simulate` has none; a DataFrame's force is a Series
+        with its index. Raises CesError without a measured force.
         """
         if not isinstance(steps, int) or not 1 <= steps <= MAX_STEPS:
             raise CesError(f"steps: is {steps!r}; expected a whole number of ticks from 1 to {MAX_STEPS}")
         given = only(as_recordings(recording))
         run = sample_run(self, given)
         warn_all(warnings_on(run, given.name))
-        force = predict_series(self, run.series, steps)[run.newest]
+        if steps >= (longest := int(np.diff(run.series.segments).max())):
+            warn(f"steps: {steps} ticks are longer than any stretch of {given.name} ({longest} ticks): it is simulated")
+        predicted = predict_series(self, run.series, min(steps, longest))
+        force = force_at_samples(predicted, run.newest, run.ahead, self.force_envelope_N)
         return like(recording, given, np.where(np.isfinite(run.force), force, np.nan))
 
     def validate(self, recordings: RecordingInputs) -> Evaluations:
@@ -192,7 +202,7 @@ class Model(model.Model):
             axes.plot(x, run.force, style, label="simulated", color="C1", linewidth=1.0, markersize=1.5)
             axes.grid(alpha=0.3)
         if self.band is not None:
-            half = band_half_width(self.band, series, run.force)
+            half = band_half_width(self.band, series, run.force, self.used_gap_A)
             low, high, name = run.force - half, run.force + half, f"band ({100 * self.band.level:.0f} %)"
             over_time.fill_between(series.time_s, low, high, color="C1", alpha=0.25, linewidth=0.0, label=name)
         if run.clamped.any():

@@ -63,12 +63,14 @@ class SampleRun:
 
     `force` (n,) [N] is NaN where the estimator withholds it: at unusable samples, in the warm-up, and from a force that
     is not finite to the segment's end (where the estimator would restart its warm-up). `newest` (n,) is the newest tick
-    of `series` at each sample, -1 without one; `run` is the free run on the ticks.
+    of `series` at each sample, -1 without one, and `ahead` (n,) the time since then [ticks]; `run` is the free run on
+    the ticks.
     """
 
     model: Model
     force: F
     newest: I
+    ahead: F
     series: Series
     run: FreeRun
 
@@ -76,6 +78,15 @@ class SampleRun:
         """Return the force envelope [N], and for some samples their time [s] and where the force was held at it."""
         ticks = self.newest[samples]
         return self.model.force_envelope_N, self.series.time_s[ticks], self.run.held[ticks]
+
+
+def force_at_samples(force: F, newest: I, ahead: F, within: Range) -> F:
+    """Return the force [N] at samples (n,) on the line through their last two ticks, held in a range.
+
+    `force` (ticks,) [N] is that on ticks, `newest` (n,) the tick before each sample, `ahead` (n,) ticks before it.
+    """
+    slope = force[newest] - force[np.maximum(newest - 1, 0)]
+    return np.asarray(np.clip(force[newest] + slope * ahead, *within))
 
 
 def sample_force(model: Model, recording: Recording) -> F:
@@ -112,18 +123,16 @@ def run_opened(model: Model, opened: OpenedRecording) -> SampleRun:
     """Return the free run of `model` at the position samples of a recording opened for its sampling."""
     series, tracked = opened.series, opened.tracked
     run = simulate_series(model, series)
-    force = run.force
     newest = tracked.total - 1
-    slope = force[newest] - force[np.maximum(newest - 1, 0)]
-    at_samples = np.clip(force[newest] + slope * tracked.ahead, *model.force_envelope_N)
+    at_samples = force_at_samples(run.force, newest, tracked.ahead, model.force_envelope_N)
     taken = (tracked.status == OK) | (tracked.status == RESTARTED)
     taken &= np.isfinite(tracked.late[newest, 1])
     starts = series.segments[:, 0]
     since = newest - starts[np.searchsorted(starts, newest, side="right") - 1]
     at_samples[~taken | (since < round(model.warm_up_s * series.rate_Hz))] = np.nan
-    out, ticks = np.full(opened.count, np.nan), np.full(opened.count, -1)
-    out[opened.index], ticks[opened.index] = at_samples, newest
-    return SampleRun(model, out, ticks, series, run)
+    out, ticks, ahead = np.full(opened.count, np.nan), np.full(opened.count, -1), np.zeros(opened.count)
+    out[opened.index], ticks[opened.index], ahead[opened.index] = at_samples, newest, tracked.ahead
+    return SampleRun(model, out, ticks, ahead, series, run)
 
 
 def since_reversal(series: Series) -> F:

@@ -122,7 +122,9 @@ class Evaluation(PrintedResult):
 
     @property
     def outside_share(self) -> float:
-        """Share of the scored ticks with inputs or force outside the model's envelopes."""
+        """Share of the scored ticks with inputs or force outside the model's envelopes; NaN of what has none."""
+        if not math.isfinite(self.run.force_envelope_N[0]):
+            return math.nan
         return float((self.run.clamped | self.run.held)[self.series.scored].mean())
 
     @property
@@ -157,10 +159,10 @@ class Evaluation(PrintedResult):
 
     @property
     def coverage(self) -> float | None:
-        """Share of the scored ticks whose measured force is within the band; None without one."""
-        if self.half_width is None:
-            return None
-        return float(np.mean(np.abs(self.error) <= self.half_width[self.series.scored]))
+        """Share of the scored ticks with a band whose measured force is within it; None without one."""
+        half = np.full(1, np.nan) if self.half_width is None else self.half_width[self.series.scored]
+        banded = np.isfinite(half) | ~np.isfinite(self.error)
+        return float(np.mean((np.abs(self.error) <= half)[banded])) if banded.any() else None
 
 
 def describe_size(model: Model) -> str:
@@ -180,7 +182,9 @@ def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluati
             series=recorded,
             run=run,
             cost=series_cost(recorded, run.force),
-            half_width=None if model.band is None else band_half_width(model.band, recorded, run.force),
+            half_width=None
+            if model.band is None
+            else band_half_width(model.band, recorded, run.force, model.used_gap_A),
             outside=outside_ranges(model, recorded),
         )
         for recorded, run in zip(series, runs, strict=True)

@@ -91,7 +91,8 @@ def test_a_prediction_uses_the_measured_force_and_many_steps_are_a_simulation(mo
     late = np.isfinite(simulated)
     near, far = (np.std((model.predict(road, steps) - at)[late]) for steps in (1, 20))
     assert near < 0.6 * far <= 0.6 * 1.05 * np.std((simulated - at)[late])
-    assert np.std((model.predict(road, 400) - simulated)[late]) < 0.01 * np.std(simulated[late])
+    with pytest.warns(UserWarning, match="steps: 99999 ticks are longer than any stretch of road"):
+        np.testing.assert_array_equal(model.predict(road, 99_999), simulated)
 
 
 def test_standard_errors_cover_the_truth():
