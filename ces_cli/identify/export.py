@@ -45,8 +45,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     kind, out = _kind(request.out), request.out
     outputs: dict[OptionName | str, Path | None] = {OUT: out}
     for name in _names_beside(out) if kind == "c" else ():
-        if not _is_shared(out.with_name(name)):
-            outputs[f"the file {name} beside it"] = out.with_name(name)
+        beside = out.with_name(name)
+        if not (name in export_model.CORE and beside.is_file() and PRINTED in beside.read_bytes()):
+            outputs[f"the file {name} beside it"] = beside
     require_outputs(request.overwrite, outputs, inputs=[request.model])
     with without_text(request.json):
         certificate = _export(request, kind)
@@ -92,10 +93,6 @@ def make_parser() -> terminal.Parser[ExportRequest]:
 def _names_beside(out: Path) -> tuple[str, ...]:
     """Return the names of the files that are written beside FILE.c."""
     return out.with_suffix(".h").name, *export_model.CORE
-
-
-def _is_shared(path: Path) -> bool:
-    return path.name in export_model.CORE and path.is_file() and PRINTED in path.read_bytes()
 
 
 def _export(request: ExportRequest, kind: str) -> Certificate:

@@ -66,6 +66,9 @@ def cost_table(
     def cost_text(e: Evaluation) -> str:
         return percent(e.cost, e.interval)
 
+    def use(e: Evaluation) -> str:
+        return f"{e.role} {e.scored_s:.1f} s" if exact or e.role != IDENTIFICATION else e.role
+
     def span(e: Evaluation) -> str:
         return f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}"
 
@@ -85,7 +88,7 @@ def cost_table(
     floors, bands = (any(getattr(e, name) is not None for e in evaluations) for name in ("floor", "coverage"))
     columns: list[Column[Evaluation] | None] = [
         Column("Recording", lambda e: e.name, short="recording", html=link, css="name"),
-        Column("role", lambda e: _describe_use(e, exact), terminal_only=True),
+        Column("role", use, terminal_only=True),
         Column("Role", lambda e: e.role, html=role, page_only=True),
         Column("From–to [s]", span, css="n spare", head_css="n spare", page_only=True),
         Column("Scored [s]", lambda e: f"{e.scored_s:.1f}", css="n spare", head_css="n spare", page_only=True),
@@ -167,11 +170,6 @@ def percent(cost: float, interval: CostInterval | None = None) -> str:
 def interval_text(interval: CostInterval | None) -> str:
     """Return an interval as text, a dash if there is none."""
     return NONE if interval is None else format_within(interval.low, interval.low, interval.high)[1]
-
-
-def _describe_use(e: Evaluation, exact: bool) -> str:
-    """Return the role of an evaluation with its scored seconds; if not `exact`, the identification had others."""
-    return f"{e.role} {e.scored_s:.1f} s" if exact or e.role != IDENTIFICATION else e.role
 
 
 @dataclass(frozen=True)
