@@ -42,7 +42,15 @@ MAX_ROWS = 24  # of a table in the terminal
 
 @dataclass(frozen=True, kw_only=True)
 class CharacteriseRequest(PageRequest):
-    """What `ces characterise` is asked for."""
+    """Show what a damper dyno shows: force over speed for each current (at the peak speed and continuous), loops, work
+    per cycle, hysteresis, and how the valve responds to steps of the current; with simulations over the same recordings
+    beside them. Sines, triangles and slow sweeps at constant currents give all of it, any other motion gives quantiles
+    of the force over speed.
+    """
+
+    program = "characterise"
+    example = "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics"
+    rules = (only_with("title note", "out", "is for the page; add --out DIR"),)
 
     bags: tuple[str, ...] = declare(replace(BAGS, meaning="recordings with a measured force: bags, folders, globs"))
     model: tuple[str, ...] = option((), HELP, metavar="SIM")
@@ -54,7 +62,7 @@ class CharacteriseRequest(PageRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(CharacteriseRequest, argv)
     require_outputs(request.overwrite, folders={OUT: request.out})
     rules = load_rules(request.rules)
     signals = load_signals(request.signals)
@@ -83,20 +91,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         _print_results(results)
     return 0
-
-
-def make_parser() -> terminal.Parser[CharacteriseRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "characterise",
-        "Show what a damper dyno shows: force over speed for each current (at the peak speed and continuous), loops, "
-        "work per cycle, hysteresis, and how the valve responds to steps of the current; with simulations over "
-        "the same recordings beside them. Sines, triangles and slow sweeps at constant currents give all of it, any "
-        "other motion gives quantiles of the force over speed.",
-        "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics",
-        CharacteriseRequest,
-        rules=(only_with("title note", "out", "is for the page; add --out DIR"),),
-    )
 
 
 def _open_simulations(specs: Sequence[str]) -> dict[str, Simulation]:
