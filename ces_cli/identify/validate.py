@@ -42,7 +42,7 @@ class ValidateRequest(ReportRequest):
 
     program = "validate"
     example = "ces validate model.json bags/road --report validation.html\n  ces validate model.json --certificate"
-    rules = (
+    option_rules = (
         NEED_REPORT,
         only_with(
             "report part signals overwrite",
