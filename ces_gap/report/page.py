@@ -39,9 +39,10 @@ from ces_gap.report.sentences import describe_correction
 from ces_gap.report.tables import (
     CauseRow,
     calibration_table,
+    cause_notes,
     cause_table,
     composition_table,
-    effects_without_row,
+    describe_parameters,
     explained_table,
     probe_table,
     recording_table,
@@ -103,8 +104,7 @@ def report_page(diagnosis: Diagnosis, head: PageHead | None = None) -> str:
         key_figure=_key_figure(d),
         causes=causes,
         row_css=lambda row: row.css,
-        unknown_figures=any(row.unknown for row in causes.rows),
-        others=effects_without_row(d),
+        cause_notes=cause_notes(d),
         together=composition_table(d),
         calibration=calibration_table(d) if has_gap else None,
         open_questions=_open_questions(d),
@@ -126,18 +126,21 @@ def _(diagnosis: Diagnosis) -> tuple[Sequence[str], Table[CauseRow]]:
     rms, interval = format_within(gap.rms_N, *gap.ci95_N)
     size = f"Gap {rms} N RMS ({interval}) on held-out recordings, J {three_figures(gap.cost_J)} %."
     step = _next_step(diagnosis, ' (written by out="FOLDER"; ces.simulate runs it)')
-    return [f"{diagnosis.sentence}", size, f"Next: {step}"], cause_table(diagnosis)
+    return [diagnosis.sentence, size, f"Next: {step}", *cause_notes(diagnosis)], cause_table(diagnosis)
 
 
 @summarize_result.register
 def _(explanations: Explanations) -> tuple[Sequence[str], Table[CauseRow]]:
-    return ["each effect alone, in its best form" if explanations else "no effect"], explained_table(explanations)
+    return ["each effect in its best form" if explanations else "no effect"], explained_table(explanations)
 
 
 @summarize_result.register
 def _(explanation: Explanation) -> tuple[Sequence[str], Table[CauseRow]]:
+    settings = explanation.composition.settings
+    found = [describe_parameters(e, s) for e, s in zip(explanation.estimates, settings, strict=True)]
+    named = zip(map(effect_name, explanation.effects), found, strict=True)
     table = explained_table([explanation] if explanation.effects else [])
-    return [", ".join(str(p) for row in table.rows for p in row.parameters) or "no effect"], table
+    return [f"{name}: {', '.join(map(str, one))}" for name, one in named if one] or ["no effect"], table
 
 
 @summarize_result.register
@@ -168,7 +171,7 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
         taken = 1.0 - gap.corrected_N / gap.rms_N if gap.rms_N > 0.0 else math.nan
         closes = f"closes {percent(taken)} %" if taken > 0.0 else ""
         remark = ": ".join(filter(None, [" and ".join(done), closes]))
-        label = f"With {PARAMETERS}" if PARAMETERS in d.composition.effects else "Baseline error removed"
+        label = f"With {effect_name(PARAMETERS)}" if d.is_recalibrated else "Baseline error removed"
         steps.append(_bar(scale, "corrected", label, remark, gap.corrected_N, gap.corrected_ci95_N))
     if {*c.effects} - {PARAMETERS}:
         shrink = 1.0 - c.gap_after_N / gap.corrected_N if gap.corrected_N > 0.0 else 0.0
@@ -241,7 +244,7 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
         figure, unit = percent(c.shrink), "%"
         names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
         interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
-        beyond = "" if PARAMETERS in c.effects else describe_correction(d)
+        beyond = "" if d.is_recalibrated else describe_correction(d)
         text = f"of the gap{beyond} on held-out recordings closed by {names}; {interval}."
     return {"figure": figure, "unit": unit, "text": text}
 
