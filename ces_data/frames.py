@@ -81,8 +81,10 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
 def warn_of_signs(recording: Recording) -> Recording:
     """Return the recording; warn of a column that was turned, against which scripts would compare a simulated force."""
     for signal, column in TURNED.findall(recording.taken):
-        text = f"the sign of '{column}' is turned; position and force, also simulated ones, are positive in compression"
-        warn(f"{recording.name}: {signal}: {text}")
+        text = (
+            f"'{column}' is positive in rebound, so that its sign is turned; every force that comes back is positive in"
+        )
+        warn(f"{recording.name}: {signal}: {text} compression: negate one of the two to compare them")
     return recording
 
 

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
@@ -93,7 +93,7 @@ class Sampling:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Envelope:
     """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate.
 
@@ -104,6 +104,10 @@ class Envelope:
     speed_m_s: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     current_A: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     current_gap_A: Range | None = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT, default=None, optional=True)
+
+    def __repr__(self) -> str:
+        shown = (f"{name}=({ends[0]:.4g}, {ends[1]:.4g})" for name, ends in asdict(self).items() if ends is not None)
+        return f"Envelope({', '.join(shown)})"
 
     @property
     def by_signal(self) -> Ranges:

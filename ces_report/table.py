@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from markupsafe import Markup
 
+from ces_observer.errors import Suggesting
 from ces_observer.fields import Field
 from ces_observer.records import declare, record_fields
 from ces_report.typesetting import Chart, Symbols, format_spread
@@ -132,7 +133,7 @@ class Section:
     charts: tuple[Chart, ...] = ()
 
 
-class PrintedResult:
+class PrintedResult(Suggesting):
     """A result that prints itself in scripts and notebooks as a few lines and a table, see `summarize_result`."""
 
     def __repr__(self) -> str:

@@ -113,7 +113,12 @@ def test_standard_errors_cover_the_truth():
 def test_a_model_from_a_file_shows_the_costs_of_its_identification(model):
     row = {"recording": "noise", "role": "identification", "J": 4.94}
     known = replace(model, provenance={"cost_J_percent": [row, {**row, "role": "validation", "J": None}]})
-    assert repr(known).splitlines()[-2].split() == ["noise", "identification", "4.94"]
+    assert repr(known).splitlines()[-2].split() == ["noise", "identification", "4.94", "–"]
+    assert (known.evaluations[0].cost, known.evaluations[1].interval) == (4.94, None)
+    with pytest.raises(AttributeError, match="KnownCost has no 'error'"):
+        _ = known.evaluations[0].error
+    with pytest.raises(IndexError, match="provenance\\['selection'\\]"):
+        _ = known.search_results[0]
     full = row | {"low": 4.61, "high": 5.29, "rms_N": 61.23, "outside": 0.0, "band": 91.2}
     shown = repr(replace(model, provenance={"cost_J_percent": [full, row]})).splitlines()
     assert shown[-2].split() == ["noise", "identification", "4.9", "4.6", "to", "5.3", "61.2", "0.0", "91.2"]
@@ -124,16 +129,18 @@ def test_a_model_from_a_file_shows_the_costs_of_its_identification(model):
 def test_steady_forces_follow_speed_and_current(model):
     pytest.importorskip("pandas")
     forces = model.force_speed([0.3, 0.7], [-0.4, 0.4])
-    assert (forces.index.name, forces.columns.name) == ("current_A", "speed_m_s")
-    assert (forces[0.4] > forces[-0.4]).all() and forces.loc[0.7, 0.4] > forces.loc[0.3, 0.4]
+    assert (forces.index.name, forces.columns.name) == ("speed_m_s", "current_A")
+    assert (forces.loc[0.4] > forces.loc[-0.4]).all() and forces.loc[0.4, 0.7] > forces.loc[0.4, 0.3]
     low, high = model.envelope.speed_m_s
     with pytest.warns(UserWarning, match=f"{high:g} m/s is taken"):
-        assert list(model.force_speed(0.5, [0.0, 1.001 * high]).columns) == [0.0, high]
+        assert list(model.force_speed(0.5, [0.0, 1.001 * high]).index) == [0.0, high]
     whole = model.force_speed()
-    assert whole.columns[0] == low and whole.columns[-1] == high and len(whole) > 1
+    assert whole.index[0] == low and whole.index[-1] == high and 1 < len(whole.columns) <= 5
+    with pytest.raises(ces.CesError, match=r"currents: expected numbers; got '0\.5'"):
+        model.force_speed("0.5")
     for known, recorded in (((-0.1, 1.1), (0.0, 1.0)), ((1 / 3, 1 / 3), (1 / 3, 1 / 3))):  # the envelope is wider
         within = replace(model, envelope=replace(model.envelope, current_A=known))
-        assert tuple(within.force_speed(speeds=0.1).index[[0, -1]]) == recorded
+        assert tuple(within.force_speed(speeds=0.1).columns[[0, -1]]) == recorded
 
 
 DOUBTS = {

@@ -67,7 +67,7 @@ def test_all_that_is_not_found_is_one_message(tmp_path):
 
 def test_an_unclear_unit_names_its_column():
     given = table(x_mm=None, stroke=1e3 * X)
-    with pytest.raises(ces.CesError, match="arrays: position: taken as mm") as error:
+    with pytest.raises(ces.CesError, match="arrays: position: perhaps mm") as error:
         ces.Recording.from_frame(given)
     assert str(error.value).endswith("columns={'position': {'column': 'stroke', 'unit': 'mm'}}")
 
@@ -90,9 +90,7 @@ def test_what_was_found_is_shown():
 @pytest.mark.parametrize("named", [{}, {"position": "stroke"}, {"position": {"column": "stroke"}}], ids=str)
 def test_a_unit_that_is_a_guess_is_not_taken_for_a_named_column_either(named):
     content = table(x_mm=None, stroke=2e3 * X)
-    with pytest.raises(
-        ces.CesError, match=r"taken as mm, .*; say its unit: columns={'position': {'column': 'stroke', "
-    ):
+    with pytest.raises(ces.CesError, match=r"perhaps mm, .*; say its unit: columns={'position': {'column': 'stroke', "):
         ces.Recording.from_frame(content, columns=named)
     said = ces.Recording.from_frame(content, columns={"position": {"column": "stroke", "unit": "mm"}})
     np.testing.assert_allclose(values(said, "position"), 2.0 * X)
@@ -127,7 +125,7 @@ SAID = {
     "times in ms that are named s": (lambda: ces.Recording.from_frame(table(t_s=1e3 * T)), "if the times are in ms"),
     "a force that pulls in compression": (
         lambda: ces.Recording.from_frame(table(F_kN=-1e-3 * FORCE)),
-        "force: the sign of 'F_kN' is turned; position and force, also simulated",
+        "force: 'F_kN' is positive in rebound, so that its sign is turned",
     ),
     "newtons that are named kN": (lambda: ces.Recording.from_frame(table(F_kN=FORCE)), "if it is in N, not kN"),
     "millimetres in position_m": (
