@@ -46,12 +46,11 @@ if TYPE_CHECKING:
     FitInput = str | Sequence[str] | Mapping[str, tuple[float, float] | None]
     SimulationInputs = SimulationInput | Sequence[SimulationInput] | Mapping[str, SimulationInput]
 
-ROLES = {
-    "held_out": ("validation",),
-    "test": ("validation", "held_out"),
-    "validate": ("validation", "held_out"),
-    "validation": ("held_out",),
-}  # what one function calls a recording's role, as others may be asked for it
+MEANT = {
+    "held_out": ("validation",), "test": ("validation", "held_out"), "validate": ("validation", "held_out"),
+    "validation": ("held_out",), "random_state": ("seed",), "n_jobs": ("threads",), "verbose": ("progress",),
+    "na": ("lags",), "nb": ("lags",), "nk": ("lags",), "order": ("terms",),
+}  # fmt: skip  # options by the names that other functions and tools have for them
 
 __all__ = [
     "Calibration", "CesError", "Characteristics", "Comparison", "DamperModel", "Diagnosis", "Estimator", "Evaluation",
@@ -320,7 +319,7 @@ def _require_options(function: Callable[..., Any], given: Mapping[str, Any], kno
 
     if unknown := next((name for name in given if name not in known), None):
         own = [name for name in signature(function).parameters if name != "options"]
-        meant = next((name for name in ROLES.get(unknown, ()) if name in own), unknown)
+        meant = next((name for name in MEANT.get(unknown, ()) if name in [*known, *own]), unknown)
         raise CesError(f"{unknown}: is no option of {function.__name__}{suggest(meant, dict.fromkeys([*known, *own]))}")
 
 
@@ -359,9 +358,7 @@ def _open_all(name: str, given: SimulationInputs) -> dict[str, Simulation]:
     from ces_observer.model import Model
 
     if isinstance(given, Mapping):
-        if wrong := [own for own in given if not isinstance(own, str)]:
-            raise CesError(f"{name}: {wrong[0]!r} is no name; expected simulations by their names, or a list of them")
-        return {own: _open(simulation, name)[0] for own, simulation in given.items()}
+        return {str(own): _open(simulation, name)[0] for own, simulation in given.items()}
     several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
     opened = [_open(simulation, name) for simulation in several]
     sources = [

@@ -22,6 +22,7 @@ from ces_data.recording import Recording
 from ces_data.tables import DataColumn, tabulate
 from ces_data.units import split_unit
 from ces_observer.errors import CesError, RecordingError
+from ces_observer.signals import UNITS
 
 NAME = "DataFrame"
 TURNED = re.compile(r"(\w+) from '([^']*)' \[[^]]*sign turned\]")  # in what was taken
@@ -56,6 +57,10 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
     """Return the recording in an open log, of which `columns` names what `read_frame` says. Raises RecordingError."""
     if not isinstance(columns, Mapping):
         raise CesError(f"columns: expected columns by signal; {EXAMPLE}")
+    names = getattr(log, "names", ())
+    reversed_keys = [key for key, value in columns.items() if key not in UNITS and key in names and str(value) in UNITS]
+    if reversed_keys:
+        raise CesError(f"columns: '{reversed_keys[0]}' is a column; expected signals, each with its column: {EXAMPLE}")
     name = str(log.path)
     proposal = propose_for(log, need=need)
     found = yaml.safe_load(proposal.text) or {}

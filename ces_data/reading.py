@@ -97,7 +97,7 @@ def as_recordings(
     if not single and not hasattr(given, "__iter__"):
         raise CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(given)}")
     if isinstance(given, Mapping) and given and all(map(_is_one, given.values())):
-        return [r for name, one in given.items() for r in _as_named(name, one, signals, need)]
+        return [r for name, one in given.items() for r in _as_named(str(name), one, signals, need)]
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
         raise CesError("no recording given; expected a recording, a path, or several of them")

@@ -16,7 +16,7 @@ from typing import Any, Self
 
 from ces_observer.band import Band
 from ces_observer.bank_design import ACCELERATION, SPEED, BankSettings
-from ces_observer.errors import ModelError
+from ces_observer.errors import ModelError, Suggesting
 from ces_observer.fields import REQUIRED, Field
 from ces_observer.flat import ArrayLayout
 from ces_observer.json_text import parse_json, read_bounded, write_atomically
@@ -94,7 +94,7 @@ class Sampling:
 
 
 @dataclass(frozen=True, repr=False)
-class Envelope:
+class Envelope(Suggesting):
     """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate.
 
     Between the ends of `current_gap_A` no current was recorded: forces there are interpolated, and nothing tests them.

@@ -149,6 +149,9 @@ class PrintedResult(Suggesting):
 class PrintedResults(PrintedResult, tuple[R, ...]):
     """Results in a row, printed in the same way."""
 
+    def _suggest(self, name: str) -> str:
+        return f"; its results have, such as [0].{name}" if self and name in dir(self[0]) else super()._suggest(name)
+
 
 @singledispatch
 def summarize_result(result: object) -> tuple[Sequence[str], Table[Any]]:

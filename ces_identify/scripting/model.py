@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from markupsafe import Markup
@@ -87,6 +87,12 @@ class Model(Suggesting, model.Model):
     evaluated: Evaluations = field(default=Evaluations(), metadata=in_files(None), compare=False)
     search_results: SearchResults = field(default=SearchResults(), metadata=in_files(None), compare=False)
 
+    def __new__(cls, *args: Any, **fields: Any) -> Self:
+        """Return a new one; raises CesError for a path alone."""
+        if len(args) + len(fields) == 1 and args:
+            raise CesError("a Model is read by Model.load(path), or made by ces.identify(recordings)")
+        return super().__new__(cls)
+
     def __hash__(self) -> int:
         return hash(self.to_json())
 
@@ -131,9 +137,9 @@ class Model(Suggesting, model.Model):
         prediction over more ticks than a stretch has. NaN where `simulate` has none; a DataFrame's force is a Series
         with its index. Raises CesError without a measured force.
         """
-        if not isinstance(steps, int) or not 1 <= steps <= MAX_STEPS:
+        if not isinstance(steps, int | np.integer) or not 1 <= steps <= MAX_STEPS:
             raise CesError(f"steps: is {steps!r}; expected a whole number of ticks from 1 to {MAX_STEPS}")
-        given = only(as_recordings(recording))
+        given = only(as_recordings(recording, called="recording"))
         run = sample_run(self, given)
         warn_all(warnings_on(run, given.name))
         if steps >= (longest := int(np.diff(run.series.segments).max())):
@@ -196,7 +202,7 @@ class Model(Suggesting, model.Model):
         Times with inputs outside `envelope` are shaded. Raises CesError.
         """
         pyplot = import_pyplot()
-        one = only(as_recordings(recording, need=SIGNALS[:2]))
+        one = only(as_recordings(recording, need=SIGNALS[:2], called="recording"))
         series = prepare(one, self.sampling)
         run, is_measured = simulate_series(self, series), bool(np.isfinite(series.force).any())
         figure, (over_time, over_speed) = pyplot.subplots(
