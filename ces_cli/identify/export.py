@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, OptionRule, ProgramRequest, option
+from ces_cli.terminal.options import MODEL, OptionRule, OutputRequest, option
 from ces_cli.terminal.outputs import print_document, without_text
 from ces_data.outputs import OUT, require_outputs
 from ces_identify.export import export_model
@@ -27,7 +27,7 @@ FORM = ", ".join(f"FILE.{kind} ({what})" for kind, what in FORMATS.items())
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(ProgramRequest):
+class ExportRequest(OutputRequest):
     """What `ces export` is asked for."""
 
     model: Path = declare(MODEL)
@@ -38,8 +38,6 @@ class ExportRequest(ProgramRequest):
     )
     sources_only: bool = option(False, "write an FMU without a binary; needs no C compiler")
     allow_uncertified: bool = option(False, "export a model whose stability cannot be proved (unsafe)")
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -23,7 +23,12 @@ from ces_gap.inference.judgement import (
     Within,
 )
 from ces_gap.limits import VerdictLimits
-from ces_gap.report.calibration import describe_alternative, describe_setting, describe_values
+from ces_gap.report.calibration import (
+    describe_alternative,
+    describe_doubtful,
+    describe_setting,
+    describe_values,
+)
 from ces_gap.report.formatting import newtons
 from ces_report.typesetting import format_number, format_range, join_with, minus
 
@@ -277,7 +282,7 @@ def _weigh(d: Diagnosis, parameters: Explanation) -> Diagnosis:
 
 def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
     """Return the diagnosis with what explains the gap as well, and with what makes a value a doubt."""
-    doubts = [p.name for p in chosen.freed if p.is_doubtful]
+    doubts = describe_doubtful(chosen.freed)
     text, verdict, doubt, others = d.sentence, d.verdict, d.doubt, d.alternatives
     names_shown = {*(p.name for p in chosen.freed), *d.composition.effects} - {PARAMETERS}
     instead = [alternative for alternative in chosen.alternatives if {*alternative.names} != names_shown]
@@ -288,8 +293,7 @@ def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
         verdict, doubt = AMBIGUOUS, Doubt.ALTERNATIVES
         d = replace(d, explained_as_well=tuple(alternative.names for alternative in instead))
     if doubts:
-        verb = "lies" if len(doubts) == 1 else "lie"
-        text += f" {join_with(doubts)} {verb} at a bound or far from the default: a sign that something is missing."
+        text = " ".join([text, *doubts])
         verdict, doubt = (AMBIGUOUS, doubt or Doubt.UNCERTAIN) if verdict == NAMED else (verdict, doubt)
     return replace(d, sentence=text, verdict=verdict, doubt=doubt, alternatives=others)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_identify.characteristics.cycles import REASONS, Cycles
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion
 from ces_identify.characteristics.rules import BenchRules

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.checks.content import require_once
-from ces_data.frames import import_pandas, import_pyplot
+from ces_data.reading import import_pandas, import_pyplot
 from ces_data.recording import Recording
 from ces_identify.comparison.compared_models import (
     TEST,

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ces_data.arrays import F
-from ces_data.frames import is_table
 from ces_data.logs.frame import is_frame
-from ces_data.reading import SIGNALS, as_recordings
+from ces_data.reading import SIGNALS, as_recordings, is_table
 from ces_data.recording import Recording as Logged
 from ces_identify.options import IdentifyRequest
 from ces_identify.prepare.series import prepare

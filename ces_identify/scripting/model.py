@@ -17,7 +17,6 @@ from ces_data.arrays import F
 from ces_data.checks.check import check_each, check_together, require_sound
 from ces_data.checks.content import require_distinct, require_once
 from ces_data.findings import warn
-from ces_data.frames import import_pandas, import_pyplot
 from ces_data.outputs import REPORT, require_model_name, require_outputs
 from ces_data.reading import (
     SIGNALS,
@@ -27,6 +26,8 @@ from ces_data.reading import (
     as_path,
     as_recordings,
     describe_finding,
+    import_pandas,
+    import_pyplot,
 )
 from ces_data.recording import join_days
 from ces_identify.identification import identify
@@ -40,8 +41,13 @@ from ces_identify.report.steady import CURVE_SPEEDS, recorded_currents, steady_f
 from ces_identify.scripting.progress import Progress
 from ces_identify.scripting.search_results import SearchResults
 from ces_identify.scripting.simulating import like, only, simulate, warn_all
-from ces_identify.simulations.prediction import predict_series
-from ces_identify.simulations.simulate import force_at_samples, is_outside, sample_run, simulate_series
+from ces_identify.simulations.simulate import (
+    force_at_samples,
+    is_outside,
+    predict_series,
+    sample_run,
+    simulate_series,
+)
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.structures import model_section
 from ces_identify.structures.hydraulic import Quantity, list_quantities

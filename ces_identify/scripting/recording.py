@@ -12,11 +12,20 @@ from numpy.typing import ArrayLike
 
 from ces_data import recording
 from ces_data.bags.writer import recording_topics, write_bag
-from ces_data.frames import read_frame, to_frame
 from ces_data.limits import TableLimits
 from ces_data.log_formats import is_log
 from ces_data.logs.frame import TIMES
-from ces_data.reading import SIGNALS, PathInput, as_path, check_table, kind_of, read_log, read_recording
+from ces_data.reading import (
+    SIGNALS,
+    PathInput,
+    as_path,
+    check_table,
+    kind_of,
+    read_frame,
+    read_log,
+    read_recording,
+    to_frame,
+)
 from ces_data.recording import Channel
 from ces_data.samples import channel_stats
 from ces_data.signals_file import load_signals

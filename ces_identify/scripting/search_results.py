@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_identify.numerics.search import SearchResult
 from ces_report.table import PrintedResults, Table, summarize_result, text_table
 

@@ -13,9 +13,8 @@ from ces_data.checks.check import check_each
 from ces_data.checks.content import require_once
 from ces_data.checks.units import explain_simulation
 from ces_data.findings import warn
-from ces_data.frames import import_pandas
 from ces_data.logs.frame import is_frame
-from ces_data.reading import SIGNALS, RecordingInputs, as_recordings, describe_finding
+from ces_data.reading import SIGNALS, RecordingInputs, as_recordings, describe_finding, import_pandas
 from ces_identify.comparison.compared_models import align, make_compared_model
 from ces_identify.comparison.comparison import ROLES
 from ces_identify.limits import ComparisonLimits, TickLimits

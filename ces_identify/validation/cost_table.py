@@ -17,7 +17,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, Mask
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_data.recording import Recording
 from ces_identify.limits import TickLimits
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks

@@ -22,8 +22,7 @@ from ces_data.config_file import read_yaml_mapping
 from ces_data.recording import Recording
 from ces_data.waveforms import currents
 from ces_data.waveforms.currents import HIGH, LOW, require_range
-from ces_data.waveforms.sequences import Current
-from ces_data.waveforms.strokes import Stroke
+from ces_data.waveforms.strokes import Current, Stroke
 from ces_observer.control.force_controller import CurveError, ForceCurve
 from ces_observer.fields import Field
 from ces_observer.records import OneOf, Record, part, quantity, read_record

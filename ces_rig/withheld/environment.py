@@ -15,8 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from ces_data.arrays import F
-from ces_rig.dampers.effects import Proportions, WithheldEffect, log_spread, signed_spread, uniform_spread
-from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.model import DamperModel, Proportions, WithheldEffect, log_spread, signed_spread, uniform_spread
 from ces_rig.dampers.stepper import DamperStepper, simulate, spline_speed
 from ces_rig.errors import RigError
 from ces_rig.sensors import Truth

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ces_data.arrays import F
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Proportions, WithheldEffect
-from ces_rig.dampers.model import DamperKind, DamperModel
+from ces_rig.dampers.model import EFFECTS, OUTSIDE, DamperKind, DamperModel, Proportions, WithheldEffect
 from ces_rig.dampers.stepper import KINDS, simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S, Truth

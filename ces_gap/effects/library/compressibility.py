@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, TwinRun, magnitude
 from ces_gap.grid import rms
 
 MIN_OWN_M_N = 1e-9  # [m/N] compliance that every chamber has at least

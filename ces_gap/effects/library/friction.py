@@ -10,8 +10,7 @@ import numpy as np
 from numba import njit
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, TwinRun, magnitude
 from ces_gap.trace import Trace, TraceInputs
 from ces_observer.structures.physical import FrictionElement
 

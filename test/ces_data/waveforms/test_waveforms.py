@@ -5,8 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import hilbert, welch
 
-from ces_data.waveforms.sequences import read_stroke_file
-from ces_data.waveforms.strokes import KINDS, ROUGHNESS_M3, QuarterVehicle, make_stroke, road_stroke
+from ces_data.waveforms.strokes import KINDS, ROUGHNESS_M3, QuarterVehicle, make_stroke, read_stroke_file, road_stroke
 from ces_observer.errors import CesError
 from ces_rig.experiments.virtual import load_experiment, make_current, simulate_truth
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.hydraulic.parameters import Hydraulic
+from ces_rig.dampers.model import WithheldEffect
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S
