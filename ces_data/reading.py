@@ -35,6 +35,7 @@ from ces_data.signals_file import load_signals
 from ces_data.tables import DataColumn, tabulate
 from ces_data.units import split_unit
 from ces_observer.errors import CesError, RecordingError
+from ces_observer.signals import UNITS
 
 NAME = "DataFrame"
 TURNED = re.compile(r"(\w+) from '([^']*)' \[[^]]*sign turned\]")  # in what was taken
@@ -69,6 +70,10 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
     """Return the recording in an open log, of which `columns` names what `read_frame` says. Raises RecordingError."""
     if not isinstance(columns, Mapping):
         raise CesError(f"columns: expected columns by signal; {EXAMPLE}")
+    names = getattr(log, "names", ())
+    reversed_keys = [key for key, value in columns.items() if key not in UNITS and key in names and str(value) in UNITS]
+    if reversed_keys:
+        raise CesError(f"columns: '{reversed_keys[0]}' is a column; expected signals, each with its column: {EXAMPLE}")
     name = str(log.path)
     proposal = propose_for(log, need=need)
     found = yaml.safe_load(proposal.text) or {}
@@ -94,8 +99,10 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
 def warn_of_signs(recording: Recording) -> Recording:
     """Return the recording; warn of a column that was turned, against which scripts would compare a simulated force."""
     for signal, column in TURNED.findall(recording.taken):
-        text = f"the sign of '{column}' is turned; position and force, also simulated ones, are positive in compression"
-        warn(f"{recording.name}: {signal}: {text}")
+        text = (
+            f"'{column}' is positive in rebound, so that its sign is turned; every force that comes back is positive in"
+        )
+        warn(f"{recording.name}: {signal}: {text} compression: negate one of the two to compare them")
     return recording
 
 
@@ -251,7 +258,7 @@ def as_recordings(
     if not single and not hasattr(given, "__iter__"):
         raise CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(given)}")
     if isinstance(given, Mapping) and given and all(map(_is_one, given.values())):
-        return [r for name, one in given.items() for r in _as_named(name, one, signals, need)]
+        return [r for name, one in given.items() for r in _as_named(str(name), one, signals, need)]
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
         raise CesError("no recording given; expected a recording, a path, or several of them")

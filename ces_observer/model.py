@@ -10,13 +10,13 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
 from ces_observer.band import Band
 from ces_observer.bank_design import ACCELERATION, SPEED, BankSettings
-from ces_observer.errors import ModelError
+from ces_observer.errors import ModelError, Suggesting
 from ces_observer.fields import REQUIRED, Field
 from ces_observer.flat import ArrayLayout
 from ces_observer.json_text import parse_json, read_bounded, write_atomically
@@ -93,8 +93,8 @@ class Sampling:
         )
 
 
-@dataclass(frozen=True)
-class Envelope:
+@dataclass(frozen=True, repr=False)
+class Envelope(Suggesting):
     """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate.
 
     Between the ends of `current_gap_A` no current was recorded: forces there are interpolated, and nothing tests them.
@@ -104,6 +104,10 @@ class Envelope:
     speed_m_s: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     current_A: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     current_gap_A: Range | None = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT, default=None, optional=True)
+
+    def __repr__(self) -> str:
+        shown = (f"{name}=({ends[0]:.4g}, {ends[1]:.4g})" for name, ends in asdict(self).items() if ends is not None)
+        return f"Envelope({', '.join(shown)})"
 
     @property
     def by_signal(self) -> Ranges:

@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if evaluations:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
             title = f"{request.model}: {describe_size(model)}"
-            print_costs(evaluations, title, weighting, exact=False)
+            print_costs(evaluations, title, weighting)
             with terminal.step("finding what the error depends on"):
                 lines = head_lines(model, evaluations)
             for line in lines:

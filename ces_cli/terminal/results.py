@@ -27,11 +27,9 @@ from ces_observer.model import Model
 from ces_report.table import Table, text_table
 
 
-def print_costs(
-    evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL, exact: bool = True
-) -> None:
+def print_costs(evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL) -> None:
     """Print the costs, also of all held-out recordings together, why figures are missing, and warnings."""
-    table = lay_out(cost_table(evaluations, title, weighting, exact))
+    table = lay_out(cost_table(evaluations, title, weighting))
     table.columns[0].min_width = min(14, max(len(e.name) for e in evaluations))
     table.columns[1].no_wrap = True
     table.rows[-1].end_section = True

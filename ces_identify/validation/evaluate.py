@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.limits import BandLimits, EnvelopeLimits, ErrorLimits, TickLimits
+from ces_identify.limits import BandLimits, EnvelopeLimits, ErrorLimits, TickLimits, VerdictLimits
 from ces_identify.numerics.correlation import add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
 from ces_identify.prepare.sampling import delay_text
@@ -153,9 +153,21 @@ class Evaluation(PrintedResult):
         return f"{self.name}: the band holds {share} that it is meant for"
 
     @property
+    def rest_text(self) -> str:
+        """That the damper hardly works, so that a small error is a large J; empty if it does, or J is small."""
+        force, (low, high) = self.series.force[self.series.scored], self.run.force_envelope_N
+        if self.cost < VerdictLimits.MISFIT_J or not force.std() < EnvelopeLimits.MIN_FORCE * (high - low) < math.inf:
+            return ""
+        text = (
+            f"the measured force varies by {force.std():.3g} N (standard deviation), of {low:.0f} to {high:.0f} N that"
+        )
+        return f"{self.name}: {text} the model may give: J is relative to that, and the RMS error is {self.rms_N:.3g} N"
+
+    @property
     def warnings(self) -> list[str]:
-        """What is wrong with the run: lost, outside the model's envelopes, or outside its band; empty if little is."""
-        return [text for text in (self.lost_text, self.outside_text, self.held_text, self.band_text) if text]
+        """What is wrong with the run, or with its J; empty if little is."""
+        texts = (self.lost_text, self.outside_text, self.held_text, self.band_text, self.rest_text)
+        return [text for text in texts if text]
 
     @property
     def coverage(self) -> float | None:
