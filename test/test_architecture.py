@@ -67,15 +67,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 145.3,
+    "ces_observer": 143.7,
     "ces_data": 116.2,
     "ces_report": 14,
-    "ces_identify": 193.4,
+    "ces_identify": 193.3,
     "ces_rig": 71.9,
     "ces_gap": 129.4,
     "ces_cli": 67,
     "bench": 72.5,
-    "test": 484.8,
+    "test": 482.8,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
