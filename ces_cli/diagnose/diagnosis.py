@@ -42,7 +42,7 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
 from ces_gap.report.gap_json import gap_content, shrink_of_ceiling
-from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
+from ces_gap.report.tables import calibration_table, cause_notes, cause_table, describe_parameters
 from ces_gap.result_files import REPORT, result_files
 from ces_identify.options import SEED, THREADS
 from ces_identify.simulations.simulation import Simulation
@@ -223,6 +223,7 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     _print_lines(_gap_lines(diagnosis))
     if diagnosis.causes and diagnosis.verdict != NO_GAP:
         terminal.print_table(terminal.lay_out(cause_table(diagnosis), lambda row: "bold" * (row.css == "named")))
+        _print_lines(cause_notes(diagnosis))
     parts = zip(together.effects, together.estimates, together.composition.settings, strict=True)
     for k, (effect, estimates, setting) in enumerate(parts):
         texts = list(map(str, describe_parameters(estimates, setting)))

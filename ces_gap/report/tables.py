@@ -129,7 +129,7 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
         "Shrink [%]",
         lambda r: percent(r.cause.shrink) if r.cause else "",
         figure=True,
-        small=lambda r: percents(r.cause.shrink_ci95) if r.cause else "",
+        small=lambda r: percents(r.cause.shrink_ci95) if r.cause and math.isfinite(r.cause.shrink) else "",
         css="shrunk",
     ),
 )
@@ -143,7 +143,7 @@ def cause_table(d: Diagnosis) -> Table[CauseRow]:
 def cause_notes(d: Diagnosis) -> list[str]:
     """Return sentences on what the rows mean, and the effects that have none."""
     notes = ["Effects in one row act together; each of them has the probability of all."] * d.is_combined
-    own = "The other effects stand beside the changed parameters, and every shrink is of the whole gap."
+    own = "Shrink is of the whole gap; other effects stand beside the changed parameters, and theirs is what they add."
     notes += [own] * d.is_recalibrated
     notes += ["\N{EN DASH}: not known from these recordings."] * any(row.unknown for row in cause_rows(d))
     others = effects_without_row(d)
