@@ -29,8 +29,8 @@ from ces_cli.terminal.options import (
     JOBS,
     JSON,
     OVERWRITE,
-    SIGNALS,
     Argument,
+    BagRequest,
     ProgramRequest,
     argument,
     only_with,
@@ -60,9 +60,8 @@ from ces_rig.blind.scoring import (
     find_modes,
     score_cases,
 )
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE
 from ces_rig.dampers.lookup.kernel import learn_lookup
-from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.model import EFFECTS, OUTSIDE, RigDamper
 from ces_rig.dampers.stepper import KINDS as DAMPERS
 
 DEFAULT_PLANTS = ("lookup", "bouc_wen")  # their equations are not those of the diagnosis' twin
@@ -84,18 +83,16 @@ CASES = Argument("cases", meaning="output of 'make'", kind=Path, metavar="DIR")
 
 
 @dataclass(frozen=True, kw_only=True)
-class MakeRequest(ProgramRequest):
+class MakeRequest(BagRequest):
     """What `ces blind make` is asked for."""
 
     out: Path = option(meaning="folder to write, new or empty", metavar="DIR")
-    overwrite: bool = declare(OVERWRITE)
     seed: int = option(meaning="random seed", low=0, high=2**31, metavar="N")
     cases: int = option(100, "cases, a balanced sample of all combinations", 1, 100_000, metavar="K")
     plants: tuple[str, ...] = _several(
         (), f"kinds of plant (default: {' '.join(DEFAULT_PLANTS)})", choices=tuple(DAMPERS)
     )
     recording: str | None = option(None, "learn one more plant, a map, from a recording of your damper", metavar="BAG")
-    signals: Path | None = declare(SIGNALS)
     kind: tuple[str, ...] = _several((), "effect, none, outside, pair (default: all)", choices=tuple(KINDS))
     effects: tuple[str, ...] = _several(
         (), "library effects to draw from (default: all)", "NAME", choices=tuple(EFFECTS)
@@ -104,7 +101,6 @@ class MakeRequest(ProgramRequest):
     simulation_error: tuple[float, ...] = _several((), "its errors over the gap (default: 0 0.333 1)", "X", 0, 10)
     seconds: float = option(20.0, "length of a recording", 2.0, 600.0, metavar="S")
     jobs: int | None = declare(JOBS)
-    json: bool = declare(JSON)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +165,7 @@ def make_parser() -> terminal.Parser[ProgramRequest]:
 
 
 def _make(request: MakeRequest) -> int:
-    plants: dict[str, DamperModel] = {name: DAMPERS[name].design for name in request.plants or DEFAULT_PLANTS}
+    plants: dict[str, RigDamper] = {name: DAMPERS[name].design for name in request.plants or DEFAULT_PLANTS}
     if request.recording is not None:
         signals = load_signals(request.signals)
         plants[MAP] = learn_lookup(terminal.read_one(find_bag(request.recording), signals, terminal.FORCE))

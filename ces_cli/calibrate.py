@@ -10,19 +10,7 @@ from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, open_simulation
-from ces_cli.terminal.options import (
-    FIT,
-    HELD_OUT,
-    JSON,
-    NOTE,
-    OVERWRITE,
-    PART,
-    REAL,
-    SIGNALS,
-    TITLE,
-    ProgramRequest,
-    option,
-)
+from ces_cli.terminal.options import FIT, HELD_OUT, REAL, PageRequest, option
 from ces_cli.terminal.outputs import print_document
 from ces_cli.terminal.progress import DiagnoseProgress
 from ces_data.bags.find import find_bags
@@ -39,20 +27,14 @@ from ces_report.shell import PageHead
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrateRequest(ProgramRequest):
+class CalibrateRequest(PageRequest):
     """What `ces calibrate` is asked for."""
 
     sim: str = option(meaning=HELP, metavar="SIM")
     real: tuple[str, ...] = declare(REAL)
     held_out: tuple[str, ...] = declare(HELD_OUT)
     fit: tuple[str, ...] = declare(FIT)
-    signals: Path | None = declare(SIGNALS)
-    part: tuple[float, ...] = declare(PART)
     out: Path = option(meaning="folder to write, created if necessary", metavar="DIR")
-    title: str = declare(TITLE)
-    note: str = declare(NOTE)
-    overwrite: bool = declare(OVERWRITE)
-    json: bool = declare(JSON)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

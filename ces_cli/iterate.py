@@ -19,8 +19,7 @@ from ces_data.outputs import require_folder
 from ces_identify.numerics.search import SearchResult
 from ces_observer.records import declare
 from ces_rig.loop.iterate import IterateListener, Iterations
-from ces_rig.loop.plan import TEMPLATE, load_plan
-from ces_rig.loop.rigs import open_rig
+from ces_rig.loop.rigs import TEMPLATE, load_plan, open_rig
 from ces_rig.loop.store import MODEL, PLAN, REPORT, Iteration, keep_plan
 
 

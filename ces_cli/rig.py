@@ -7,17 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import (
-    ALL,
-    JSON,
-    OVERWRITE,
-    RIG_SEED,
-    SIGNALS,
-    ProgramRequest,
-    argument,
-    never_with,
-    option,
-)
+from ces_cli.terminal.options import ALL, RIG_SEED, BagRequest, argument, never_with, option
 from ces_cli.terminal.outputs import print_document
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.outputs import OUT, require_outputs
@@ -30,15 +20,12 @@ EXPERIMENT = "experiment file (YAML) or the name of a packaged one"
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigRequest(ProgramRequest):
+class RigRequest(BagRequest):
     """What `ces rig` is asked for."""
 
     experiment: str | None = argument(None, EXPERIMENT, metavar="EXPERIMENT", count="?")
     out: Path | None = option(None, "bag folder to write", metavar="BAG")
     seed: int | None = declare(RIG_SEED)
-    signals: Path | None = declare(SIGNALS)
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
     list: bool = option(False, "list the packaged experiments and exit")
 
 

@@ -35,8 +35,7 @@ from ces_rig.dampers.stepper import DAMPER
 from ces_rig.experiments.virtual import Experiment
 from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
 from ces_rig.live.rig import OF_THE_RIG
-from ces_rig.loop.plan import Plan
-from ces_rig.loop.rigs import RIG
+from ces_rig.loop.rigs import RIG, Plan
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.twin import Twin
 from ces_gap.effects.effect import Composition

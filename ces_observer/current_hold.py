@@ -3,17 +3,11 @@
 The rule is the same offline (`ces_identify.prepare.series.hold_current`). A short history is kept because position
 and current come in separate queues, so that a current may arrive before a position that was measured earlier. A speed
 or acceleration that a model needs is held in the same way.
-
-In a burst, as when a bag is replayed, a position is often read before its current, and the force would depend on which
-queue was read first. A `PositionQueue` holds positions back until a current stamped no earlier is known, which makes
-the force depend on the stamps alone.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import deque
-from collections.abc import Iterator
 from math import isfinite, nan
 
 from ces_observer.limits import ClockLimits
@@ -40,6 +34,10 @@ class CurrentHold:
         """The latest stamp of a known current [ns]."""
         return self._stamps[-1] if self._stamps else None
 
+    def shows_jump(self, stamp_ns: int) -> bool:
+        """Return whether a current stamped so shows that the clock was set back."""
+        return bool(self._stamps) and stamp_ns < self._stamps[-1] - ClockLimits.JUMP_NS
+
     def reset(self) -> None:
         """Forget every current."""
         self._stamps.clear()
@@ -50,7 +48,7 @@ class CurrentHold:
         if not isfinite(current_A):
             return
         stamps = self._stamps
-        if stamps and stamp_ns < stamps[-1] - ClockLimits.JUMP_NS:
+        if self.shows_jump(stamp_ns):
             self.reset()
         if stamps and stamp_ns < stamps[-1]:
             place = bisect_right(stamps, stamp_ns)
@@ -102,50 +100,3 @@ class ConstantCurrent(CurrentHold):
     def at(self, stamp_ns: int) -> float:
         """Return the current [A]."""
         return self._value
-
-
-MAX_POSITIONS = 10_000  # samples: several seconds at 1 kHz; beyond it the oldest is released
-
-
-class PositionQueue:
-    """A bounded first-in first-out queue of positions: (stamp [ns], position [m], frame), with their arrival [ns]."""
-
-    def __init__(self, wait_s: float) -> None:
-        self._queue: deque[tuple[int, float, bytes, int]] = deque()
-        self.set_wait(wait_s)
-
-    def set_wait(self, wait_s: float) -> None:
-        """Set the longest wait [s] by the node's clock; 0: none."""
-        self._wait_ns = round(wait_s * 1e9)
-
-    @property
-    def is_waiting(self) -> bool:
-        """True if positions have to wait, or some still do."""
-        return self._wait_ns > 0 or bool(self._queue)
-
-    def add(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
-        """Add a position that arrived at `now_ns`."""
-        self._queue.append((stamp_ns, position_m, frame, now_ns))
-
-    def pop_ready(self, current_ns: int | None, now_ns: int) -> Iterator[tuple[int, float, bytes]]:
-        """Remove and yield the positions whose wait is over; `current_ns` is the newest current's stamp.
-
-        A clock that was set back ends the wait, too. A position that arrived before simulated time began, at 0, waits
-        from now.
-        """
-        queue, wait_ns = self._queue, self._wait_ns
-        while queue:
-            stamp_ns, position_m, frame, arrived_ns = queue[0]
-            if not arrived_ns:
-                arrived_ns = now_ns
-                queue[0] = (stamp_ns, position_m, frame, now_ns)
-            known = current_ns is not None and current_ns >= stamp_ns
-            if not known and abs(now_ns - arrived_ns) < wait_ns and len(queue) <= MAX_POSITIONS:
-                return
-            queue.popleft()
-            yield stamp_ns, position_m, frame
-
-    def pop_all(self) -> Iterator[tuple[int, float, bytes]]:
-        """Remove and yield all positions."""
-        while self._queue:
-            yield self._queue.popleft()[:3]

@@ -93,6 +93,12 @@ class DamperObserver:
         """The model that is warming up to take over, if any."""
         return self._next.model if self._next is not None else None
 
+    def forget_inputs(self, since_ns: int) -> None:
+        """Forget currents and motions if they go on after `since_ns`: the clock of the positions was set back."""
+        for hold in (self.current, *self.motions.values()):
+            if hold.newest_ns is not None and hold.newest_ns >= since_ns:
+                hold.reset()
+
     def reset(self) -> None:
         """Forget all samples and currents, as after a time jump; keep counts and models."""
         self.current.reset()

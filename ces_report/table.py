@@ -19,6 +19,7 @@ from typing import Any, Generic, TypeVar
 
 from markupsafe import Markup
 
+from ces_observer.errors import Suggesting
 from ces_observer.fields import Field
 from ces_observer.records import declare, record_fields
 from ces_report.typesetting import Chart, Symbols, format_spread
@@ -148,7 +149,7 @@ class Section:
     charts: tuple[Chart, ...] = ()
 
 
-class PrintedResult:
+class PrintedResult(Suggesting):
     """A result that prints itself in scripts and notebooks as a few lines and a table, see `summarize_result`."""
 
     def __repr__(self) -> str:
@@ -168,6 +169,9 @@ class PrintedResults(PrintedResult, tuple[R, ...]):
     def __getitem__(self, key: Any) -> Any:
         part = super().__getitem__(key)
         return type(self)(part) if isinstance(key, slice) else part
+
+    def _suggest(self, name: str) -> str:
+        return f"; its results have, such as [0].{name}" if self and name in dir(self[0]) else super()._suggest(name)
 
 
 @singledispatch

@@ -11,16 +11,7 @@ from pathlib import Path
 
 from ces_cli.bags.signals import print_proposal
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import (
-    ALL,
-    JSON,
-    OVERWRITE,
-    SIGNALS,
-    ProgramRequest,
-    argument,
-    never_with,
-    option,
-)
+from ces_cli.terminal.options import ALL, BagRequest, argument, never_with, option
 from ces_cli.terminal.outputs import print_document, schema_line, without_text
 from ces_cli.terminal.progress import FileProgress
 from ces_data.bags.storage import ALONE, MEASURED, SPEED
@@ -39,7 +30,6 @@ from ces_data.recording import Recording
 from ces_data.samples import INTEGRATED, align_speed, velocity_beside
 from ces_data.signals_file import load_signals
 from ces_observer.errors import RecordingError, SignalsError
-from ces_observer.records import declare
 from ces_observer.signals import Signal, Signals
 
 LOGS = "log: " + ", ".join(" ".join(suffixes) for suffixes in LOG_FORMATS.values())
@@ -48,15 +38,12 @@ MAPPING = "mapping of columns to signals; examples are in share/ces_observer/con
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportRequest(ProgramRequest):
+class ImportRequest(BagRequest):
     """What `ces import` is asked for."""
 
     files: tuple[Path, ...] = argument((), LOGS, metavar="FILE", count="*")
     mapping: Path | None = option(None, MAPPING, none="found, and said", metavar="MAP.yaml")
     out: Path | None = option(None, "bag to write, or folder for several", metavar="BAG")
-    signals: Path | None = declare(SIGNALS)
-    overwrite: bool = declare(OVERWRITE)
-    json: bool = declare(JSON)
     propose: bool = option(False, "print a mapping for FILE with reasons, and exit")
     rate: float | None = option(None, "rate of a log without a time column (no --mapping)", 1e-3, 1e6, metavar="HZ")
     dbc: tuple[Path, ...] = option((), "database of a CAN log (no --mapping)", metavar="FILE")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bag
-from ces_cli.terminal.options import JSON, MODEL, ONE_BAG, OVERWRITE, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.options import MODEL, ONE_BAG, BagRequest, option
 from ces_cli.terminal.outputs import print_document
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.outputs import OUT, require_outputs
@@ -33,15 +33,12 @@ KEYS = ("position", "velocity", "effort")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayRequest(ProgramRequest):
+class ReplayRequest(BagRequest):
     """What `ces replay` is asked for."""
 
     model: Path = declare(MODEL)
     bag: str = declare(ONE_BAG)
-    signals: Path | None = declare(SIGNALS)
     out: Path = option(meaning="bag folder to write", metavar="BAG2")
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, ProgramRequest, option
+from ces_cli.terminal.options import BAGS, OutputRequest, option
 from ces_cli.terminal.outputs import print_document, schema_line
 from ces_data.bags.find import find_bags
 from ces_data.mapping.choice import Choice, Selection
@@ -25,13 +25,11 @@ MAX_OTHERS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class SignalsRequest(ProgramRequest):
+class SignalsRequest(OutputRequest):
     """What `ces signals` is asked for."""
 
     bags: tuple[str, ...] = declare(BAGS)
     out: Path | None = option(None, "signals file to write (YAML)", metavar="FILE")
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

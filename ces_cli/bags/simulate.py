@@ -10,7 +10,7 @@ import numpy as np
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bag, find_file, open_simulation, with_predictions
-from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, PART, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.options import ONE_BAG, PART, BagRequest, option
 from ces_cli.terminal.outputs import print_document
 from ces_data.outputs import OUT, require_outputs
 from ces_data.signals_file import load_signals
@@ -20,16 +20,13 @@ from ces_observer.records import declare
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulateRequest(ProgramRequest):
+class SimulateRequest(BagRequest):
     """What `ces simulate` is asked for."""
 
     bag: str = declare(ONE_BAG)
     sim: str = option(meaning=HELP, metavar="SIM")
-    signals: Path | None = declare(SIGNALS)
     part: tuple[float, ...] = declare(PART)
     out: Path = option(metavar="FILE.csv")
-    overwrite: bool = declare(OVERWRITE)
-    json: bool = declare(JSON)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

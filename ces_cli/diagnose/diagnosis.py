@@ -12,20 +12,7 @@ from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, RECORDING, VEHICLE, import_from_here, open_simulation, with_predictions
-from ces_cli.terminal.options import (
-    FIT,
-    HELD_OUT,
-    JOBS,
-    JSON,
-    NOTE,
-    OVERWRITE,
-    PART,
-    REAL,
-    SIGNALS,
-    TITLE,
-    ProgramRequest,
-    option,
-)
+from ces_cli.terminal.options import FIT, HELD_OUT, JOBS, REAL, PageRequest, option
 from ces_cli.terminal.outputs import make_schemas, print_document, without_text
 from ces_cli.terminal.progress import DiagnoseProgress
 from ces_data.bags.find import find_bags
@@ -71,7 +58,7 @@ FREED = replace(
 
 
 @dataclass(frozen=True, kw_only=True)
-class DiagnoseRequest(ProgramRequest):
+class DiagnoseRequest(PageRequest):
     """What `ces diagnose` is asked for."""
 
     sim: str | None = option(None, HELP, metavar="SIM")
@@ -89,8 +76,6 @@ class DiagnoseRequest(ProgramRequest):
     held_out: tuple[str, ...] = declare(HELD_OUT)
     fit: tuple[str, ...] = declare(FREED)
     reference: tuple[str, ...] = declare(REFERENCE)
-    signals: Path | None = declare(SIGNALS)
-    part: tuple[float, ...] = declare(PART)
     out: Path = option(meaning="folder to write, created if necessary", metavar="DIR")
     effects: tuple[str, ...] = option(
         (),
@@ -118,10 +103,6 @@ class DiagnoseRequest(ProgramRequest):
         choices=(RECORDING, VEHICLE),
     )
     jobs: int | None = declare(replace(JOBS, group="fleets"))
-    title: str = declare(TITLE)
-    note: str = declare(NOTE)
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def run_diagnosis(request: DiagnoseRequest, command: str) -> None:

@@ -29,7 +29,7 @@ from ces_data.bags.find import find_bags
 from ces_data.checks.check import check_together, require_sound
 from ces_data.checks.content import require_distinct
 from ces_data.findings import Finding
-from ces_data.outputs import OUT, OVERWRITE, REPORT, require_outputs
+from ces_data.outputs import OUT, OVERWRITE, REPORT, require_model_name, require_outputs
 from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_gap.augmented import file_of
@@ -129,6 +129,7 @@ def prepare_identification(request: IdentifyProgramRequest) -> Identification:
     report = name_report(request.report, [request.out.stem], [path.stem for path in tested])
     inputs = [*paths[0], *paths[1], request.signals, find_file(request.teacher or "")]
     inputs += [candidates] if isinstance(candidates, Path) else []
+    require_model_name(request.out)
     require_outputs(request.overwrite, {OUT: request.out, REPORT: report}, inputs=inputs)
     how = request.model.options()
     measured, (bags, validation) = _read_recordings(paths, request)

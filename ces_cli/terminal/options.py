@@ -27,9 +27,10 @@ class ProgramRequest:
 
     @classmethod
     def options(cls) -> tuple[Option, ...]:
-        """Return the options of the program, named as the fields, with the kinds of their annotations."""
-        hints = get_type_hints(cls)
-        return tuple(_as_annotated(replace(f.metadata[FIELD], name=f.name), hints[f.name]) for f in fields(cls))
+        """Return the options, those of its own before those of its bases, with the kinds of their annotations."""
+        hints, settings = get_type_hints(cls), {f.name: f.metadata[FIELD] for f in fields(cls)}
+        names = dict.fromkeys(name for base in cls.__mro__ for name in vars(base).get("__annotations__", ()))
+        return tuple(_as_annotated(replace(settings[name], name=name), hints[name]) for name in names)
 
     @classmethod
     def of(cls, values: Values, given: Collection[str]) -> Self:
@@ -178,3 +179,34 @@ OVERWRITE = Option("overwrite", False, "replace outputs that exist (default: ref
 JSON = Option("json", False, "print JSON for other programs instead of tables")
 RIG_SEED = Option("seed", None, "random seed", 0, 2**31, kind=int, none="the experiment's own", metavar="N")
 JOBS = Option("jobs", None, "processes", 1, 256, kind=int, none="all processors", metavar="N")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputRequest(ProgramRequest):
+    """A request of what writes files and says what it did."""
+
+    json: bool = declare(JSON)
+    overwrite: bool = declare(OVERWRITE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagRequest(OutputRequest):
+    """A request that signals files describe the bags of."""
+
+    signals: Path | None = declare(SIGNALS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageRequest(BagRequest):
+    """A request of a page about recordings, or parts of them."""
+
+    part: tuple[float, ...] = declare(PART)
+    title: str = declare(TITLE)
+    note: str = declare(NOTE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportRequest(PageRequest):
+    """A request of figures, and of a page only with --report."""
+
+    report: Path | None = declare(REPORT)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.baseline.wrappers import RememberedSimulation

@@ -25,8 +25,7 @@ from ces_gap.grid import rms
 from ces_gap.inference.judgement import PARAMETERS
 from ces_gap.limits import EvidenceLimits, ParameterLimits, SearchLimits
 from ces_gap.trace import Trace, TraceInputs, resample_to_grid, usable_values
-from ces_identify.simulations.parameters import Parameter
-from ces_identify.simulations.simulation import Simulation
+from ces_identify.simulations.simulation import Parameter, Simulation
 from ces_observer.errors import CesError, OptionName
 
 FIRST_STEP, MIN_STEP, MAX_STEP = 0.02, 1e-4, 0.25  # of a parameter's size, by which it is changed for a derivative

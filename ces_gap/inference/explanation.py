@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_gap.effects.effect import Composition
 from ces_gap.inference.fit import Estimate, Interval
 from ces_report.table import PrintedResult

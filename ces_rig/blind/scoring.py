@@ -25,7 +25,7 @@ import numpy as np
 from ces_data.arrays import F
 from ces_observer.errors import CesError, OptionName
 from ces_rig.blind.cases import CaseLabel, open_arrays, read_seal
-from ces_rig.blind.draw import HELD_OUT
+from ces_rig.blind.plan import HELD_OUT
 
 Arrays = Mapping[str, F]
 

@@ -40,6 +40,10 @@ def test_whatever_can_be_compared_can_be_simulated_and_validated(model, tmp_path
     assert (exact.cost, exact.rms_N) == pytest.approx((0.0, 0.0), abs=1e-6)
     (pair,) = ces.compare([force, lambda t, x, i: 1.5 * force(t, x, i)], table).pairs
     assert half_too_much[0].cost == pytest.approx(-pair.pooled.value) and "unknown 5.5 s" in repr(half_too_much)
+    assert np.isnan(exact.outside_share) and "out %" not in repr(half_too_much)  # a function has no envelope
+    for factor, text in ((-1.0, "has the opposite sign"), (1e-3, "1e\\+03 times as large .*; are both in N")):
+        with pytest.warns(UserWarning, match=text):
+            ces.validate(lambda t, x, i, factor=factor: factor * force(t, x, i), table)
     np.testing.assert_array_equal(ces.simulate(MODEL, table), model.simulate(table))
 
 

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import random
-from bisect import bisect_right
-from math import nan
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, nan
 
-import pytest
 from damper_models import plain_damper
-from vehicle import Vehicle, stroke, wait
+from sensor_msgs.msg import JointState
+from vehicle import Vehicle, stamp_of, stroke, wait
 
+from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model
 
-MS = 1_000_000
+MS, S = 1_000_000, 1_000_000_000
 START_NS = 1_000_000_000_000_000_000
-Samples = list[tuple[int, float]]  # (stamp [ns], value)
+Samples = Sequence[tuple[int, float]]  # (stamp [ns], value)
+Numbers = tuple[float, float, float]  # position [m], speed [m/s], force [N]
 
 
 def jittered_positions(count: int) -> Samples:
@@ -33,24 +36,73 @@ def currents(count: int) -> Samples:
     return [(START_NS + 10 * k * MS, 0.5 + 0.2 * (k % 7)) for k in range(count // 10 + 2)]
 
 
-def offline(positions: Samples, currents: Samples, model: Model | None = None) -> dict[int, tuple[float, float, float]]:
-    """Return by stamp the position, speed and force of an estimator that is fed in order."""
-    estimator = Estimator(model or plain_damper(max_gap_s=0.3))
-    stamps = [stamp for stamp, _ in currents]
-    found = {}
-    for stamp, position in positions:
-        force = estimator.step(stamp, position, currents[bisect_right(stamps, stamp) - 1][1])
-        if force is not None:
-            found[stamp] = (estimator.position, estimator.speed, force)
-    return found
+# Of the stamps' clock before each segment, by fractions of a tick, so that the grid of ticks moves: the first ones are
+# longer than what a model bridges, or than what a hold of currents keeps; the last two are shorter.
+JUMPS_NS = (0, 30 * S + 400_321, -7_300_401_007, -100_300_009, 150_200_005)
+SEGMENT_MS = 700
 
 
-def require_equal(vehicle: Vehicle, expected: dict[int, tuple[float, float, float]]) -> None:
-    """Wait for the estimates of `expected`, and for no others: stamps, positions, speeds and forces are the same."""
+@dataclass(frozen=True)
+class Segment:
+    """Samples between two jumps of their clock, in the order in which they are sent on each topic."""
+
+    positions: Samples
+    currents: Samples
+
+
+def faulty_segments() -> list[Segment]:
+    """Return segments with jitter, gaps, repeated and late stamps, wrong numbers and lost currents."""
+    chance, begin_ns = random.Random(5), START_NS
+    segments = []
+    for jump_ns in JUMPS_NS:
+        segments.append(_make_segment(begin_ns + jump_ns, chance))
+        begin_ns = segments[-1].positions[-1][0]
+    return segments
+
+
+def _make_segment(begin_ns: int, chance: random.Random) -> Segment:
+    samples = [(begin_ns + k * MS + chance.randrange(MS // 2), stroke(k * 1e-3)) for k in range(SEGMENT_MS)]
+    for at, value in ((250, nan), (260, inf), (261, -inf), (330, 0.09), (331, 1e308)):
+        samples[at] = (samples[at][0], value)
+    samples[350] = samples[349]
+    samples[355] = (samples[352][0] + 1, samples[355][1])
+    ticks = range(begin_ns // (10 * MS), (samples[-1][0] + 20 * MS) // (10 * MS))
+    held = [(10 * k * MS, 0.5 + 0.2 * (k % 7)) for k in ticks]  # the same at the same time, on whichever side of a jump
+    held[20], held[25] = (held[20][0], nan), (held[25][0], inf)
+    return Segment(samples[:300] + samples[320:], held[:42] + held[64:])
+
+
+class Offline:
+    """An estimator that is fed samples in order, with the current held as a node holds it."""
+
+    def __init__(self, model: Model | None = None, current: CurrentHold | None = None) -> None:
+        self._estimator = Estimator(model or plain_damper(max_gap_s=0.3))
+        sampling = self._estimator.model.sampling
+        self._current = current or CurrentHold(sampling.max_current_age_s)
+        self._motion = CurrentHold(sampling.max_gap_s) if sampling.motion else ConstantCurrent(0.0)
+
+    def take(self, positions: Samples, currents: Samples = (), motions: Samples = ()) -> dict[int, Numbers]:
+        """Return position, speed and force by stamp; each position has the currents and motions stamped up to it."""
+        for hold, samples in ((self._current, currents), (self._motion, motions)):
+            for sample in samples:
+                hold.add(*sample)
+        estimator, found = self._estimator, {}
+        for stamp, position in positions:
+            force = estimator.step(stamp, position, self._current.at(stamp), self._motion.at(stamp))
+            if force is not None:
+                found[stamp] = (estimator.position, estimator.speed, force)
+            found |= {one.stamp_ns: (one.position, one.speed, one.force) for one in estimator.late}
+        return found
+
+
+def numbers_of(message: JointState) -> Numbers:
+    """Return position, speed and force of an estimate."""
+    return message.position[0], message.velocity[0], message.effort[0]
+
+
+def require_equal(vehicle: Vehicle, expected: dict[int, Numbers]) -> None:
+    """Wait for the estimates of `expected`, and for no others: stamps and numbers are the same, bit for bit."""
     wait(lambda: len(vehicle.estimates) >= len(expected), "all estimates")
-    assert vehicle.stamps() == list(expected)
-    for message, numbers in zip(vehicle.estimates, expected.values(), strict=True):
-        found = (message.position[0], message.velocity[0], message.effort[0])
-        assert found == pytest.approx(numbers, rel=1e-9)
+    assert [(stamp_of(message), numbers_of(message)) for message in vehicle.estimates] == list(expected.items())
     assert len(expected) > 1500
     assert max(abs(force) for _, _, force in expected.values()) > 100.0

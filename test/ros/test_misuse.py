@@ -18,9 +18,10 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 from damper_models import plain_damper
 from misuse import Misuser
 from node_process import ROOT, NodeProcess, ros_args
-from replay import offline
+from replay import Offline, numbers_of
 from vehicle import JOINT, STAMPED_CURRENT, Vehicle, reliable_inputs, stamp_of, stroke, wait
 
+from ces_observer.current_hold import ConstantCurrent
 from ces_observer.model import Model
 
 CURRENT_A = 0.5
@@ -96,11 +97,11 @@ def test_no_misuse_ends_a_node_or_changes_an_estimate(
 def compare(vehicle: Vehicle) -> None:
     """Each estimate equals that of an estimator that has had all samples in order, but for what one forgets slowly."""
     positions = [(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in vehicle.driven]
-    expected = offline(positions, [(0, CURRENT_A)], damper())
+    expected = Offline(damper(), ConstantCurrent(CURRENT_A)).take(positions)
     wrong = []
     for message in vehicle.estimates:
         assert list(message.name) == [JOINT]
-        heard = message.position[0], message.velocity[0], message.effort[0]
+        heard = numbers_of(message)
         position, speed, force = expected[stamp_of(message)]
         # 600 N at most times: where the force crosses zero, 1e-10 m/s of a restart are more than 1e-6 of it
         same = heard[2] == pytest.approx(force, rel=1e-6, abs=1e-5)

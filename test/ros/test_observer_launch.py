@@ -14,7 +14,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 from conftest import new_namespace
 from node_process import NodeProcess, ros_args
 from patience import PATIENCE_S
-from replay import currents, jittered_positions, offline, require_equal
+from replay import Offline, currents, jittered_positions, require_equal
 from vehicle import Vehicle, wait
 
 from ces_cli.main import PROGRAMS
@@ -91,11 +91,8 @@ def test_both_nodes_start_with_their_topics_and_do_not_mix(launched: Launched) -
 
 def test_estimates_equal_the_offline_replay(launched: Launched) -> None:
     vehicle, positions, held = launched.replayed, jittered_positions(2000), currents(2000)
-    samples = [(stamp, vehicle.publish_position, value) for stamp, value in positions]
-    samples += [(stamp, vehicle.publish_current, value) for stamp, value in held]
-    for stamp, publish, value in sorted(samples, key=lambda sample: sample[0]):
-        publish(stamp, value)
-    require_equal(vehicle, offline(positions, held))
+    vehicle.publish_burst(positions, held, is_in_order=True)
+    require_equal(vehicle, Offline().take(positions, held))
 
 
 def test_ctrl_c_ends_both_in_order(launched: Launched) -> None:

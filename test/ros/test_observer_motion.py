@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Callable
-from math import cos, nan, pi
+from math import cos, pi
 from pathlib import Path
 
 import pytest
@@ -13,11 +12,10 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from damper_models import plain_damper
 from node_process import NodeProcess
-from replay import MS, START_NS, Samples, currents, jittered_positions, require_equal
+from replay import MS, START_NS, Offline, currents, jittered_positions, require_equal
 from sensor_msgs.msg import JointState, Temperature
 from vehicle import DEEP, JOINT, STAMPED_CURRENT, Vehicle, reliable_inputs, stroke, wait
 
-from ces_observer.estimator import Estimator
 from ces_observer.model import Model
 from ces_observer.signals import MOTIONS
 
@@ -46,21 +44,6 @@ def speed_at(stamp_ns: int) -> float:
     return 1.03 * 0.02 * 4.0 * pi * cos(4.0 * pi * 1e-9 * (stamp_ns - START_NS))
 
 
-def held(samples: Samples, stamp_ns: int) -> float:
-    place = bisect_right([stamp for stamp, _ in samples], stamp_ns) - 1
-    return samples[place][1] if place >= 0 else nan
-
-
-def offline(motion: str, positions: Samples, motions: Samples) -> dict[int, tuple[float, float, float]]:
-    """Return by stamp the position, speed and force of an estimator that is fed in order."""
-    estimator, found = Estimator(model_of(motion)), {}
-    for stamp, position in positions:
-        force = estimator.step(stamp, position, held(currents(2000), stamp), held(motions, stamp))
-        if force is not None:
-            found[stamp] = (estimator.position, estimator.speed, force)
-    return found
-
-
 def publish_joints(vehicle: Vehicle, stamp_ns: int, position_m: float, speed_m_s: float) -> None:
     message = JointState(name=["steering", JOINT], position=[1.0, position_m], velocity=[0.0, speed_m_s])
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
@@ -84,7 +67,7 @@ def test_a_speed_in_the_message_of_the_position_is_used(
         vehicle.publish_current(stamp, current)
     for (stamp, position), (_, speed) in zip(positions, motions, strict=True):
         publish_joints(vehicle, stamp, position, speed)
-    require_equal(vehicle, offline(SPEED, positions, motions))
+    require_equal(vehicle, Offline(model_of(SPEED)).take(positions, currents(2000), motions))
 
 
 @pytest.mark.parametrize("positions_first", [False, True])
@@ -122,4 +105,4 @@ def test_an_acceleration_on_its_own_topic_is_used(
         publish_motion(*sample)
     if not positions_first:
         publish_positions()
-    require_equal(vehicle, offline(ACCELERATION, positions, motions))
+    require_equal(vehicle, Offline(model_of(ACCELERATION)).take(positions, currents(2000), motions))

@@ -13,42 +13,31 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from damper_models import plain_damper
 from node_process import NodeProcess
-from replay import MS, START_NS, Samples, currents, jittered_positions, offline, require_equal
+from replay import MS, START_NS, Offline, S, faulty_segments, require_equal
 from rosgraph_msgs.msg import Clock
 from vehicle import RECOVERIES, STAMPED_CURRENT, Vehicle, reliable_inputs, stamp_of, stroke, wait
 
+from ces_observer.current_hold import ConstantCurrent
 from ces_observer.nodes.executors import AUTO, SINGLE
 
-S = 1_000_000_000
 JUMPS = "jumps of time"
 Start = Callable[..., NodeProcess]
 
 
-@pytest.mark.parametrize(
-    ("executor", "order"), [("events", "as recorded"), ("events", "positions first"), ("single", "positions first")]
-)
-def test_a_burst_equals_the_offline_replay(
-    vehicle: Vehicle, start: Start, namespace: str, executor: str, order: str
+@pytest.mark.parametrize(("executor", "is_in_order"), [("events", True), ("events", False), ("single", False)])
+def test_bursts_of_faulty_samples_whose_clock_jumps_equal_an_estimator_that_is_fed_them(
+    vehicle: Vehicle, start: Start, namespace: str, executor: str, is_in_order: bool
 ) -> None:
-    positions, held = jittered_positions(2000), currents(2000)
-    start(
-        executor=executor,
-        max_age_s=0.0,
-        wait_for_current_s=10.0,
-        **STAMPED_CURRENT,
-        **reliable_inputs(namespace, ["joint_states", "stamped_current"]),
-    )
+    """Each segment is published as fast as it goes, in the order of the stamps or every current after the positions."""
+    lossless = reliable_inputs(namespace, ["joint_states", "stamped_current"])
+    start(executor=executor, max_age_s=0.0, wait_for_current_s=10.0, **STAMPED_CURRENT, **lossless)
     vehicle.meets_node()
-    publish_burst(vehicle, positions, held, recorded_order=order == "as recorded")
-    require_equal(vehicle, offline(positions, held))
-
-
-def publish_burst(vehicle: Vehicle, positions: Samples, held: Samples, *, recorded_order: bool) -> None:
-    """Publish as fast as it goes, in the order of the stamps or every current after the last position."""
-    samples = [(stamp if recorded_order else 0, vehicle.publish_position, (stamp, value)) for stamp, value in positions]
-    samples += [(stamp, vehicle.publish_current, (stamp, value)) for stamp, value in held]
-    for _, publish, sample in sorted(samples, key=lambda sample: sample[0]):
-        publish(*sample)
+    offline, expected = Offline(), {}
+    for segment in faulty_segments():
+        vehicle.publish_burst(segment.positions, segment.currents, is_in_order=is_in_order)
+        expected |= offline.take(segment.positions, segment.currents)
+        vehicle.hears_estimates(len(expected))
+    require_equal(vehicle, expected)
 
 
 class SimulatedVehicle:
@@ -160,7 +149,8 @@ def test_every_sample_of_a_stall_is_estimated_late_but_right(
     began = drive_through_a_stall(vehicle, node)
     stamps, driven = vehicle.stamps(began), [stamp for stamp in vehicle.driven if stamp >= began]
     assert stamps == driven[driven.index(stamps[0]) :]
-    expected = offline([(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in driven], [(0, CURRENT_A)], model)
+    positions = [(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in driven]
+    expected = Offline(model, ConstantCurrent(CURRENT_A)).take(positions)
     forces = {stamp_of(one): one.effort[0] for one in vehicle.estimates}
     worst = max(abs(expected[stamp][2] - forces[stamp]) for stamp in stamps if stamp in expected)
     assert worst < 1e-6 * max(abs(forces[stamp]) for stamp in stamps)  # the node's first sample may be a later one

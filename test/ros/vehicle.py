@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -182,6 +183,22 @@ class Vehicle(Party):
         message = Temperature(temperature=current_A)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
         self.stamped_current.publish(message)
+
+    def publish_burst(
+        self, positions: Iterable[tuple[int, float]], currents: Iterable[tuple[int, float]], *, is_in_order: bool
+    ) -> None:
+        """Publish samples as fast as it goes, in the order of the currents' stamps or every current after the last."""
+        waiting = deque(currents)
+        for stamp_ns, position_m in positions:
+            while is_in_order and waiting and waiting[0][0] <= stamp_ns:
+                self.publish_current(*waiting.popleft())
+            self.publish_position(stamp_ns, position_m)
+        for sample in waiting:
+            self.publish_current(*sample)
+
+    def hears_estimates(self, count: int) -> None:
+        """Wait until there have been so many."""
+        wait(lambda: len(self.estimates) >= count, f"{count} estimates")
 
     def stamps(self, since_ns: int = 0) -> list[int]:
         """Return the stamps of the estimates heard [ns], from `since_ns` on."""

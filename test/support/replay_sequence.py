@@ -12,8 +12,9 @@ from math import inf, nan, pi, sin
 from pathlib import Path
 from random import Random
 
-from ces_observer.current_hold import ConstantCurrent, CurrentHold, PositionQueue
+from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
+from ces_observer.intake import Intake
 from ces_observer.model import Model
 from ces_observer.signals import MOTIONS
 
@@ -35,7 +36,8 @@ class ReplaySequence:
     def __init__(self, model: Model, wait_s: float = WAIT_S, max_age_s: float = MAX_AGE_S) -> None:
         current = CurrentHold(model.sampling.max_current_age_s)
         self.damper = DamperObserver(model, current, max_age_s, {name: CurrentHold(1.0) for name in MOTIONS})
-        self._queue = PositionQueue(wait_s)
+        self._intake = Intake(self.damper, self._on_estimate)
+        self._intake.set_wait(wait_s)
         self.events = [f"settings {wait_s!r} {max_age_s!r}"]
         self.answers: list[str] = []
 
@@ -47,36 +49,28 @@ class ReplaySequence:
     def take_current(self, stamp_ns: int, current_A: float, now_ns: int) -> None:
         """Add a current."""
         self._record("c", stamp_ns, current_A, now_ns)
-        self.damper.take_current(stamp_ns, current_A)
-        self._release(now_ns)
+        self._intake.take_current(stamp_ns, current_A, now_ns)
 
     def take_motion(self, stamp_ns: int, value: float, now_ns: int) -> None:
         """Add the speed or acceleration, if the running model needs one."""
         if motion := self.damper.motion_name:
             self._record(KINDS[motion], stamp_ns, value, now_ns)
-            self.damper.take_motion(motion, stamp_ns, value)
-            self._release(now_ns)
+            self._intake.take_motion(motion, stamp_ns, value, now_ns)
 
     def take_position(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
         """Add a position."""
         self._record("p", stamp_ns, position_m, now_ns)
-        if self._queue.is_waiting:
-            self._queue.add(stamp_ns, position_m, b"", now_ns)
-            self._release(now_ns)
-        else:
-            self._estimate(stamp_ns, position_m, now_ns)
+        self._intake.take_position(stamp_ns, position_m, b"", now_ns)
 
     def watch(self, now_ns: int) -> None:
         """Release positions that have waited for long enough."""
         self._record("w", 0, 0.0, now_ns)
-        self._release(now_ns)
+        self._intake.release(now_ns)
 
     def reset(self, now_ns: int) -> None:
         """Restart, as after a time jump."""
         self._record("r", 0, 0.0, now_ns)
-        for stamp_ns, position_m, _ in self._queue.pop_all():
-            self._estimate(stamp_ns, position_m, now_ns)
-        self.damper.reset()
+        self._intake.reset(now_ns)
 
     def report_silence(self, now_ns: int) -> None:
         """Report that no position has come for too long."""
@@ -91,16 +85,8 @@ class ReplaySequence:
     def _record(self, kind: str, stamp_ns: int, value: float, now_ns: int) -> None:
         self.events.append(f"{kind} {stamp_ns} {value!r} {now_ns}")
 
-    def _release(self, now_ns: int) -> None:
-        signals = [one for one in (self.damper.current, self.damper.motion) if not isinstance(one, ConstantCurrent)]
-        stamps = [signal.newest_ns for signal in signals]
-        newest_known = None if None in stamps else min(stamp for stamp in stamps if stamp is not None)
-        for stamp_ns, position_m, _ in self._queue.pop_ready(newest_known, now_ns):
-            self._estimate(stamp_ns, position_m, now_ns)
-
-    def _estimate(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
+    def _on_estimate(self, stamp_ns: int, frame: bytes, force: float | None) -> None:
         damper = self.damper
-        force = damper.step(stamp_ns, position_m, now_ns)
         if force is not None:
             self._answer("e", stamp_ns, damper.position, damper.speed, force, damper.half_width())
         for one in damper.late:

@@ -58,6 +58,12 @@ public:
   // returned, plus the delay for those in `late`; 0 switches the check off.
   void set_max_age(double max_age_s) {max_age_ = to_ns(max_age_s);}
 
+  // Forget currents and motions if they go on after `since`: the clock of the positions was set back.
+  void forget_inputs(Nanoseconds since) {
+    if (current_.newest() >= since) {current_.reset();}
+    for (auto & motion : motions_) {if (motion && motion->newest() >= since) {motion->reset();}}
+  }
+
   // Forget all samples and currents, as after a time jump; keep counts and models.
   void reset() {
     current_.reset();
@@ -241,16 +247,23 @@ public:
   }
 
   void take_current(Nanoseconds stamp, double current_A, Nanoseconds now) {
+    if (damper_.current().shows_jump(stamp)) {release_all(now);}
     damper_.take_current(stamp, current_A);
     release(now);
   }
 
   void take_motion(Motion motion, Nanoseconds stamp, double value, Nanoseconds now) {
+    if (damper_.motion().shows_jump(stamp)) {release_all(now);}
     damper_.take_motion(motion, stamp, value);
     release(now);
   }
 
   void take_position(Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now) {
+    if (stamp < newest_ - JUMP) {
+      release_all(now);
+      damper_.forget_inputs(newest_ - JUMP);
+    }
+    newest_ = stamp;
     if (wait_ == 0 && count_ == 0) {
       estimate(stamp, position_m, frame, now);
       return;
@@ -277,7 +290,7 @@ public:
 
   // Restart after a time jump; positions held back belong to the time before it.
   void reset(Nanoseconds now) {
-    while (count_ > 0) {estimate_first(now);}
+    release_all(now);
     damper_.reset();
   }
 
@@ -297,6 +310,11 @@ private:
 
   static constexpr std::size_t MAX_POSITIONS = 10'000;  // several seconds at 1 kHz; beyond it the oldest is released
   static constexpr std::size_t FRAME_LENGTH = 64;
+
+  // Estimate from all positions that wait: after a jump of the stamps no current of their time comes.
+  void release_all(Nanoseconds now) {
+    while (count_ > 0) {estimate_first(now);}
+  }
 
   // Whether all measured signals that the model needs are known up to `stamp`.
   bool is_known(Nanoseconds stamp) const {
@@ -319,7 +337,7 @@ private:
 
   Damper & damper_;
   OnEstimate on_estimate_;
-  Nanoseconds wait_ = 0;
+  Nanoseconds wait_ = 0, newest_ = 0;  // the stamp of the last position
   std::vector<Position> ring_;  // of the positions held back
   std::size_t first_ = 0, count_ = 0;
 };

@@ -18,6 +18,7 @@ namespace ces {
 using Nanoseconds = std::int64_t;
 
 constexpr Nanoseconds SECOND = 1'000'000'000;
+constexpr Nanoseconds JUMP = SECOND;  // a stamp this much before the newest shows that the clock was set back
 constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
 
 inline Nanoseconds to_ns(double seconds) {return static_cast<Nanoseconds>(std::nearbyint(seconds * 1e9));}
@@ -60,10 +61,13 @@ public:
 
   void reset() {samples_.clear();}
 
+  // Whether a value stamped so shows that the clock was set back.
+  bool shows_jump(Nanoseconds stamp) const {return newest() && stamp < *newest() - JUMP;}
+
   // Add a value; one that is not finite is ignored, as is any if the signal is constant.
   void add(Nanoseconds stamp, double value) {
     if (constant_ || !std::isfinite(value)) {return;}
-    if (!samples_.empty() && stamp < samples_.back().first - JUMP) {reset();}
+    if (shows_jump(stamp)) {reset();}
     samples_.insert(find_later(stamp), {stamp, value});
     if (samples_.size() > 2 * HISTORY) {samples_.erase(samples_.begin(), samples_.begin() + HISTORY);}
   }
@@ -93,7 +97,6 @@ private:
   using Samples = std::vector<std::pair<Nanoseconds, double>>;
 
   static constexpr std::ptrdiff_t HISTORY = 8192;  // more than a subscription's queue holds: a burst loses none
-  static constexpr Nanoseconds JUMP = SECOND;  // a value stamped this much before the newest shows a clock set back
 
   // The first value stamped later; mostly there is none.
   Samples::const_iterator find_later(Nanoseconds stamp) const {
