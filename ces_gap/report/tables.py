@@ -115,7 +115,6 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
         "Probability [%]",
         lambda r: percent(r.probability),
         html=lambda r: BAR.format(percent(r.probability), 100.0 * r.probability, ""),
-        figure=True,
         css="chance-of",
     ),
     Column(
