@@ -42,7 +42,7 @@ from ces_gap.report.tables import (
     cause_notes,
     cause_table,
     composition_table,
-    describe_parameters,
+    describe_explanation,
     explained_table,
     probe_table,
     recording_table,
@@ -136,11 +136,8 @@ def _(explanations: Explanations) -> tuple[Sequence[str], Table[CauseRow]]:
 
 @summarize_result.register
 def _(explanation: Explanation) -> tuple[Sequence[str], Table[CauseRow]]:
-    settings = explanation.composition.settings
-    found = [describe_parameters(e, s) for e, s in zip(explanation.estimates, settings, strict=True)]
-    named = zip(map(effect_name, explanation.effects), found, strict=True)
     table = explained_table([explanation] if explanation.effects else [])
-    return [f"{name}: {', '.join(map(str, one))}" for name, one in named if one] or ["no effect"], table
+    return describe_explanation(explanation) or ["no effect"], table
 
 
 @summarize_result.register

@@ -31,6 +31,7 @@ from ces_gap.limits import RegionLimits
 from ces_gap.report.formatting import (
     effect_name,
     join_effect_names,
+    newtons,
     parameter_as_declared,
     parameter_text,
     percent,
@@ -226,6 +227,16 @@ def describe_parameters(estimates: Sequence[Estimate], setting: Setting) -> tupl
         )
         for e in estimates
     )
+
+
+def describe_explanation(one: Explanation) -> list[str]:
+    """Return a line for each effect that has parameters, with the gap that is left without it."""
+    lines, gaps = [], one.without_N or (math.nan,) * len(one.effects)
+    for name, found, setting, gap_N in zip(one.effects, one.estimates, one.composition.settings, gaps, strict=True):
+        texts = [*map(str, describe_parameters(found, setting))]
+        texts += [f"without it {newtons(gap_N)} are left"] * math.isfinite(gap_N)
+        lines += [f"{effect_name(name)}: {', '.join(texts)}"] if texts else []
+    return lines
 
 
 Part = tuple[str, str, tuple[ParameterText, ...], float]  # effect, form, parameters, and the gap [N] left without it
