@@ -42,7 +42,7 @@ from ces_gap.report.tables import (
     cause_notes,
     cause_table,
     composition_table,
-    describe_parameters,
+    describe_explanation,
     explained_table,
     probe_table,
     recording_table,
@@ -136,11 +136,8 @@ def _(explanations: Explanations) -> tuple[Sequence[str], Table[CauseRow]]:
 
 @summarize_result.register
 def _(explanation: Explanation) -> tuple[Sequence[str], Table[CauseRow]]:
-    settings = explanation.composition.settings
-    found = [describe_parameters(e, s) for e, s in zip(explanation.estimates, settings, strict=True)]
-    named = zip(map(effect_name, explanation.effects), found, strict=True)
     table = explained_table([explanation] if explanation.effects else [])
-    return [f"{name}: {', '.join(map(str, one))}" for name, one in named if one] or ["no effect"], table
+    return describe_explanation(explanation) or ["no effect"], table
 
 
 @summarize_result.register
@@ -178,14 +175,14 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
         closes = f"closes {percent(shrink)} % of the bar above" if shrink > 0.0 else ""
         remark = "the closest of the known effects" if d.verdict == UNKNOWN else closes
         text = f"With {join_effect_names(c.effects)}"
-        steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(c)))
+        steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(d, c)))
     remark = f"as logged, from {gap.noise_source}, {gap.noise_in_band}subtracted from all other bars"
     steps.append(_bar(scale, "noise", "Measurement noise", remark, gap.noise_floor_N, None))
     controls = []
     if wrong is not None:
         text = f"Best {'other ' if c.effects else ''}effect: {effect_name(wrong.effects[0])}"
         remark = "any flexible effect reduces any gap a little"
-        controls.append(_bar(scale, "wrong", text, remark, wrong.gap_after_N, after_ci95_N(wrong)))
+        controls.append(_bar(scale, "wrong", text, remark, wrong.gap_after_N, after_ci95_N(d, wrong)))
     if math.isfinite(ceiling):
         remark = "without physics: any smooth function with a memory"
         controls.append(_bar(scale, "ceiling", "Generic learner", remark, ceiling, None))
@@ -198,14 +195,10 @@ def has_correction(d: Diagnosis) -> bool:
     return abs(d.gap.corrected_N - d.gap.rms_N) > SAME * d.gap.rms_N
 
 
-def after_ci95_N(explanation: Explanation) -> Interval | None:
+def after_ci95_N(d: Diagnosis, explanation: Explanation) -> Interval | None:
     """Return the interval [N] of the gap after, from that of the shrink; None if it is unknown."""
-    left = 1.0 - explanation.shrink
-    if not all(map(math.isfinite, (explanation.shrink, *explanation.shrink_ci95))) or left <= 0.0:
-        return None
-    before = explanation.gap_after_N / left
-    low, high = (before * max(1.0 - s, 0.0) for s in explanation.shrink_ci95[::-1])
-    return low, high
+    ends = [explanation.gap_after_N + d.base_N * (explanation.shrink - s) for s in explanation.shrink_ci95[::-1]]
+    return (max(ends[0], 0.0), ends[1]) if all(map(math.isfinite, ends)) else None
 
 
 def _next_step(d: Diagnosis, writing: str = "") -> str:

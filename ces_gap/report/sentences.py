@@ -244,28 +244,28 @@ def _explain(d: Diagnosis, chosen: FreedParameters, setting: Setting) -> Explana
     """Return the parameters as an explanation of the original gap."""
     before_N, after_N = max(d.gap.rms_N, 1e-9), d.gap.corrected_N
     low, high = (1.0 - end / before_N for end in d.gap.corrected_ci95_N[::-1])
-    explanation = _as_explanation(chosen.freed, setting)
+    explanation = _as_explanation(setting, chosen.freed)
     return replace(explanation, gap_after_N=after_N, shrink=1.0 - after_N / before_N, shrink_ci95=(low, high))
 
 
-def _as_explanation(parameters: Sequence[FittedParameter], setting: Setting) -> Explanation:
-    """Return parameters as an explanation that no held-out recording has tested."""
-    estimates = tuple(Estimate(p.name, p.value, p.ci95, p.at_bound, default=p.default) for p in parameters)
-    composition, unknown = Composition((setting,)), (math.nan, math.nan)
-    return Explanation((PARAMETERS,), (setting.effect.form,), composition, (estimates,), math.nan, math.nan, unknown)
-
-
-def _beside(parameters: Explanation, effects: Explanation) -> Explanation:
-    """Return effects beside the parameters with the share of the original gap that both close."""
-    own, theirs = ((one.shrink, *one.shrink_ci95) for one in (parameters, effects))
-    shrink, low, high = (1.0 - (1.0 - a) * (1.0 - b) for a, b in zip(own, theirs, strict=True))
-    return replace(effects, shrink=shrink, shrink_ci95=(low, high))
+def _as_explanation(setting: Setting, parameters: Sequence[FittedParameter] = ()) -> Explanation:
+    """Return an effect, or parameters of the simulation, as an explanation that no held-out recording has tested."""
+    unknown = math.nan, math.nan
+    estimates = tuple(Estimate(p.name, p.value, p.ci95, p.at_bound, default=p.default) for p in parameters) or tuple(
+        Estimate(p.name, value, unknown) for p, value in zip(setting.effect.parameters, setting.values, strict=True)
+    )
+    composition = Composition((setting,))
+    return Explanation((setting.name,), (setting.effect.form,), composition, (estimates,), *unknown, unknown)
 
 
 def _combine(parameters: Explanation, effects: Explanation) -> Explanation:
-    """Return the explanation by the parameters and effects beside them."""
+    """Return the explanation by the parameters and effects beside them; both shrink the original gap."""
+    own, theirs = ((one.shrink, *one.shrink_ci95) for one in (parameters, effects))
+    shrink, low, high = (1.0 - (1.0 - a) * (1.0 - b) for a, b in zip(own, theirs, strict=True))
     return replace(
-        _beside(parameters, effects),
+        effects,
+        shrink=shrink,
+        shrink_ci95=(low, high),
         effects=(*parameters.effects, *effects.effects),
         forms=(*parameters.forms, *effects.forms),
         composition=Composition((*parameters.composition.settings, *effects.composition.settings)),
@@ -275,10 +275,16 @@ def _combine(parameters: Explanation, effects: Explanation) -> Explanation:
 
 
 def _weigh(d: Diagnosis, parameters: Explanation) -> Diagnosis:
-    """Return the diagnosis with the parameters as its first cause: as probable as that any cause is known."""
-    together = replace(d.composition, probability=1.0 - d.probability_unknown)
-    causes = (parameters, *(replace(_beside(parameters, c), probability=0.0) for c in d.causes))
-    return replace(d, causes=causes, composition=together, probability_none=0.0)
+    """Return the diagnosis with the parameters as its first cause: as probable as that any cause is known.
+
+    The other effects shrink that part of the original gap which the parameters leave.
+    """
+    together, left = replace(d.composition, probability=1.0 - d.probability_unknown), 1.0 - parameters.shrink
+    causes = [parameters]
+    for c in d.causes:
+        low, high = (left * share for share in c.shrink_ci95)
+        causes.append(replace(c, probability=0.0, shrink=left * c.shrink, shrink_ci95=(low, high)))
+    return replace(d, causes=tuple(causes), composition=together, probability_none=0.0)
 
 
 def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
@@ -292,8 +298,9 @@ def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
         others = tuple(dict.fromkeys((*others, *(n for n in names if n not in d.composition.effects))))
         text += f" As much would be explained by {'; or by '.join(map(describe_alternative, instead))}."
         verdict, doubt = AMBIGUOUS, Doubt.ALTERNATIVES
-        own = [_as_explanation(a.parameters, a.freed) for a in instead if a.freed and not a.effect]
-        causes = d.causes if PARAMETERS in {c.effects[0] for c in d.causes} else (*d.causes, *own[:1])
+        settings = [(a.effect or a.freed, () if a.effect else a.parameters) for a in instead]
+        untested = {s.name: _as_explanation(s, own) for s, own in settings if s and s.name in others}
+        causes = *(untested.pop(c.effects[0], c) for c in d.causes), *untested.values()
         d = replace(d, causes=causes, explained_as_well=tuple(alternative.names for alternative in instead))
     if doubts:
         text = " ".join([text, *doubts])

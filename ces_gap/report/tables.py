@@ -31,6 +31,7 @@ from ces_gap.limits import RegionLimits
 from ces_gap.report.formatting import (
     effect_name,
     join_effect_names,
+    newtons,
     parameter_as_declared,
     parameter_text,
     percent,
@@ -115,7 +116,6 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
         "Probability [%]",
         lambda r: percent(r.probability),
         html=lambda r: BAR.format(percent(r.probability), 100.0 * r.probability, ""),
-        figure=True,
         css="chance-of",
     ),
     Column(
@@ -129,7 +129,7 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
         "Shrink [%]",
         lambda r: percent(r.cause.shrink) if r.cause else "",
         figure=True,
-        small=lambda r: percents(r.cause.shrink_ci95) if r.cause else "",
+        small=lambda r: percents(r.cause.shrink_ci95) if r.cause and math.isfinite(r.cause.shrink) else "",
         css="shrunk",
     ),
 )
@@ -143,7 +143,7 @@ def cause_table(d: Diagnosis) -> Table[CauseRow]:
 def cause_notes(d: Diagnosis) -> list[str]:
     """Return sentences on what the rows mean, and the effects that have none."""
     notes = ["Effects in one row act together; each of them has the probability of all."] * d.is_combined
-    own = "The other effects stand beside the changed parameters, and every shrink is of the whole gap."
+    own = "Shrink is of the whole gap; other effects stand beside the changed parameters, and theirs is what they add."
     notes += [own] * d.is_recalibrated
     notes += ["\N{EN DASH}: not known from these recordings."] * any(row.unknown for row in cause_rows(d))
     others = effects_without_row(d)
@@ -227,6 +227,16 @@ def describe_parameters(estimates: Sequence[Estimate], setting: Setting) -> tupl
         )
         for e in estimates
     )
+
+
+def describe_explanation(one: Explanation) -> list[str]:
+    """Return a line for each effect that has parameters, with the gap that is left without it."""
+    lines, gaps = [], one.without_N or (math.nan,) * len(one.effects)
+    for name, found, setting, gap_N in zip(one.effects, one.estimates, one.composition.settings, gaps, strict=True):
+        texts = [*map(str, describe_parameters(found, setting))]
+        texts += [f"without it {newtons(gap_N)} are left"] * math.isfinite(gap_N)
+        lines += [f"{effect_name(name)}: {', '.join(texts)}"] if texts else []
+    return lines
 
 
 Part = tuple[str, str, tuple[ParameterText, ...], float]  # effect, form, parameters, and the gap [N] left without it
