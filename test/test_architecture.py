@@ -70,12 +70,12 @@ MAX_PACKAGE = {
     "ces_observer": 145.6,
     "ces_data": 116,
     "ces_report": 14.1,
-    "ces_identify": 194.7,
+    "ces_identify": 194.8,
     "ces_rig": 71.6,
     "ces_gap": 129.6,
     "ces_cli": 65.9,
     "bench": 72.5,
-    "test": 485.8,
+    "test": 486,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
