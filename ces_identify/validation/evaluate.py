@@ -214,12 +214,15 @@ def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluati
     ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CostInterval:
     """J is between `low` and `high` [%] with probability LEVEL."""
 
     low: float
     high: float
+
+    def __repr__(self) -> str:
+        return f"CostInterval(low={self.low:.4g}, high={self.high:.4g})"
 
 
 @dataclass(frozen=True)
