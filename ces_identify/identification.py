@@ -2,6 +2,10 @@
 
 The steps: sampling from the positions, preparation, fit of a structure, and evaluation on held-out data.
 
+Cross-validation holds each fold out once and evaluates a model identified on the others on it. A single recording is
+cut into as many stretches as folds; the parts before and after a held-out stretch become two recordings, so that no
+model runs across the cut.
+
 A model is closer to the recordings that it was fitted to than to others. The error that it makes on recordings like
 these is that of models that have not seen them: `cross_fit` identifies one model on all recordings, and fits it again
 without each recording, or without stretches of a single one.
@@ -9,10 +13,11 @@ without each recording, or without stretches of a single one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -33,11 +38,13 @@ from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.training import build_training
 from ces_identify.validation.band import fit_band, masks_by_recording, masks_by_stretch
-from ces_identify.validation.cost_table import RULE, usage
+from ces_identify.validation.cost_table import COSTS, RULE, usage
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
     VALIDATION,
+    CostInterval,
     Evaluation,
+    cost_interval,
     evaluate,
     pooled_cost,
 )
@@ -49,7 +56,6 @@ from ces_observer.structures.polynomial import Polynomial
 UNLIKE_FORCE = "the force does not follow these signals: check that topics, signs and damper are the right ones"
 FIT_SHARE = 0.9  # of a time limit, until there is a model; band, proofs and evaluation have the rest
 THINNED = "identified_on"  # key of the provenance
-COSTS = "cost_J_percent"  # key of the provenance
 
 
 @dataclass(frozen=True, repr=False)
@@ -142,6 +148,7 @@ def _cost_row(e: Evaluation) -> dict[str, Any]:
     low, high = (e.interval.low, e.interval.high) if e.interval else (None, None)
     coverage = None if e.coverage is None else 100.0 * e.coverage
     known = {
+        "scored_s": e.scored_s,
         "J": e.cost,
         "low": low,
         "high": high,
@@ -204,6 +211,7 @@ def _identify_at(
             **({"seconds": round(options.limits.time, 3)} if np.isfinite(options.limits.time) else {}),
             "trials": sum(result.trials for result in fitted.results),
             "ended": fitted.results[0].ended,
+            **({"weights": str(options.weight)} if options.weight else {}),
             **({THINNED: f"one minute in {every} of these long recordings"} if thinned else {}),
         },
     }
@@ -212,7 +220,7 @@ def _identify_at(
 
 def require_shown_cost(fitted: Fitted, series: Sequence[Series], options: IdentifyOptions) -> None:
     """Raise CesError if the model's free run is worse, on all selection ticks, than the search said of it."""
-    training = build_training(series)
+    training = build_training(series, options.weight)
     cost = training.cost(run_batch(fitted.model, training.inputs, training.segments)[0], training.selection)
     shown = fitted.results[0].cost
     if not cost <= ResultLimits.AGREEMENT * shown + ResultLimits.AGREEMENT_J:
@@ -240,6 +248,98 @@ def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> 
 def _describe_origin(recording: Recording) -> dict[str, str]:
     day = {"day": recording.day} if recording.day else {}
     return {"recording": recording.name, "sha256": recording.sha256, **day}
+
+
+Identifier = Callable[[Sequence[Recording], Sequence[Recording], IdentifyOptions], IdentificationResult]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Recordings for identification, and those held out."""
+
+    identification: tuple[Recording, ...]
+    held_out: tuple[Recording, ...]
+
+
+@dataclass(frozen=True)
+class HeldOutCost:
+    """A held-out recording: its fold, the cost J [%] and its interval, and the size of the model."""
+
+    fold: int
+    recording: str
+    cost: float
+    interval: CostInterval | None
+    model: str
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """The held-out costs of all recordings."""
+
+    rows: tuple[HeldOutCost, ...]
+
+    @property
+    def mean(self) -> float:
+        """Mean J [%] over the recordings; infinite if a free run diverged."""
+        return float(np.mean([row.cost for row in self.rows]))
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation (n - 1) of J [%]; infinite after a divergence. No error of the mean: folds share data."""
+        costs = [row.cost for row in self.rows]
+        return float(np.std(costs, ddof=1)) if np.isfinite(costs).all() else float("inf")
+
+
+def cross_validate(
+    recordings: Sequence[Recording], folds: int, identify: Identifier, options: IdentifyOptions
+) -> CrossValidation:
+    """Return the held-out costs of `folds` identifications; raises CesError, also for too few recordings."""
+    options, rows = replace(options, split=1.0), []
+    for number, fold in enumerate(split_folds(recordings, folds), 1):
+        result = identify(fold.identification, fold.held_out, options)
+        tests = (e for e in result.evaluations if e.role == VALIDATION)
+        rows += [HeldOutCost(number, e.name, e.cost, cost_interval([e]), result.model.size) for e in tests]
+    return CrossValidation(tuple(rows))
+
+
+def split_folds(recordings: Sequence[Recording], folds: int) -> list[Fold]:
+    """Return the folds: recordings in turn, or stretches of a single one. Raises CesError if there are too few."""
+    if folds < 2:
+        raise CesError(OptionName("folds", folds), ": expected at least 2")
+    if len(recordings) == 1:
+        return list(_cut_into_folds(recordings[0], folds))
+    if folds > len(recordings):
+        raise CesError(
+            OptionName("folds", folds),
+            f": {len(recordings)} recordings; expected at most as many folds (or a single recording, which is cut into "
+            "stretches)",
+        )
+    numbered = list(enumerate(recordings))
+    return [
+        Fold(tuple(r for i, r in numbered if i % folds != k), tuple(r for i, r in numbered if i % folds == k))
+        for k in range(folds)
+    ]
+
+
+def cut_recording(recording: Recording, start_ns: int, stop_ns: int) -> Recording:
+    """Return the samples with stamps from `start_ns` up to `stop_ns` as a recording."""
+    origin = int(recording.channel("position").stamps_ns.min())
+    name = f"{recording.name} {(start_ns - origin) * 1e-9:.1f}-{(stop_ns - origin) * 1e-9:.1f} s"
+    return replace(recording.between(start_ns, stop_ns), name=name)
+
+
+def _cut_into_folds(recording: Recording, folds: int) -> Iterator[Fold]:
+    stamps = recording.channel("position").stamps_ns
+    edges = np.linspace(stamps.min(), stamps.max() + 1, folds + 1).round().astype(np.int64).tolist()
+    if edges[1] - edges[0] < FoldLimits.MIN_STRETCH_S * 1e9:
+        raise CesError(
+            OptionName("folds", folds),
+            f": {recording.name} gives stretches of {(edges[1] - edges[0]) * 1e-9:.2f} s; expected at least "
+            f"{FoldLimits.MIN_STRETCH_S:g} s; use fewer folds",
+        )
+    for a, b in pairwise(edges):
+        kept = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
+        yield Fold(tuple(kept), (cut_recording(recording, a, b),))
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 class TickLimits:
     """Whether there are enough ticks; the ticks of a long recording are thinned."""
 
+    MAX_BEYOND = 0.5  # of the positions beyond the stroke that a model knows: a unit or an offset is wrong
     MIN_SCORED = 50  # ticks with a measured force, for a cost J: half a second of the table's 100 Hz
     MIN_ERRORS = 200  # ticks, for a fit, a band or tests of residuals: 20 lie beyond a band of 90 %
     ALL = 600_000  # ticks, of which a fit takes all: 10 min at 1 kHz (docs/files.md)
@@ -39,6 +40,14 @@ class SamplingLimits:
     MIN_LIKELIHOOD_GAIN = 0.1  # of the log likelihood a tick, for these: Dyke gains over 0.3, the other rigs nothing
     HIGHEST_SHARE = 0.125  # of the rate: the modes' frequencies; a resonance needs eight ticks a period
     DELAY_SLACK = 0.02  # ticks by which a delay may be off a whole number: 3 ms are 9.015 ticks at Dyke's 3,005 Hz
+
+
+class WeightLimits:
+    """Regions of ticks with a weight of their own (thesis, section 6.3)."""
+
+    SLOW_M_S = 0.05  # [m/s] |speed| of a zero crossing, by default: a quarter of the road's RMS speed
+    CENTRAL = 0.8  # share of the stroke between its ends, by default
+    MAX_WEIGHT = 1e6  # one tick of 17 min at 1 kHz then counts as much as all others
 
 
 class ErrorLimits:
@@ -70,6 +79,7 @@ class EnvelopeLimits:
     )
     # 0.5 A; sines at 0, 0.5 and 1 A, a gap of 0.5: J 8 to 20 % at 0.25 and 0.75 A, as with all five currents)
     FORCE_MARGIN = 0.5  # of the measured force's span, on both sides: twice the force, if it is as large both ways
+    MIN_FORCE = 0.015  # of the force envelope: that of a driven damper varies by more (UTFSM: 0.018, at rest 0.012)
     HELD_FORCE = 1.5  # times the largest recorded: where a hydraulic network's force is held,
     HELD_PRESSURE = 2.0  # and times the largest that the recordings need: where its pressures are
     REACH = 2.0  # times the inputs' ranges: how far a hydraulic network extrapolates (docs/structures.md)
@@ -109,6 +119,7 @@ class BandLimits:
 class FoldLimits:
     """Parts of recordings that a model has not seen."""
 
+    MIN_STRETCH_S = 2.0  # [s] of a stretch of a single recording as a fold: one without warm-up and a swing
     MAX_PARTS = 4  # recordings left out in turn by `cross_fit`, or groups of them: a refit each
     STRETCHES = 3  # of a recording, left out in turn (docs/band.md)
 

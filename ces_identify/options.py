@@ -18,6 +18,7 @@ from ces_identify.numerics.search import GAUSS_NEWTON, METHODS, Limits
 from ces_identify.polynomial.candidate_rules import CandidateRules
 from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.rules_file import load_rules
+from ces_identify.prepare.cost import FORMS, Weighting, parse_weighting
 from ces_identify.prepare.sampling import SPEEDS
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, BestStructure, default_sizes
@@ -30,6 +31,7 @@ from ces_observer.options import Option, in_group
 
 STRUCTURE = "structure"
 FROM_DATA = "from the data"
+REGIONS = f"{FORMS} [m/s, share of the stroke, A, m]"
 POLYNOMIALS = f"polynomials (--structure polynomial or {AUTO})"
 
 TIME = Option(
@@ -105,6 +107,9 @@ SPEED = Option(
     choices=SPEEDS,
     none="measured if the signals file describes it, or if the log had no position",
 )
+WEIGHT = Option(
+    "weight", (), f"give ticks in this region W times the weight in fit and selection: {REGIONS}", metavar="REGION=W"
+)
 RATE = Option("rate", None, "rate of the model", 1.0, 1e5, "Hz", kind=float, none=FROM_DATA, metavar="HZ")
 DELAY = Option(
     "delay",
@@ -137,7 +142,7 @@ def list_options() -> tuple[Option, ...]:
         *in_group("search", STARTS, SEED, TARGET, THREADS, CERTIFICATE, FORGET, BAND),
         *in_group(POLYNOMIALS, METHOD, TERMS, CANDIDATES, BLEND),
         *in_group("sizes of other structures", *sizes),
-        *in_group("data", SPLIT, SPEED, RATE, DELAY, TEACHER, IGNORE_FINDINGS),
+        *in_group("data", SPLIT, SPEED, WEIGHT, RATE, DELAY, TEACHER, IGNORE_FINDINGS),
     )
 
 
@@ -145,7 +150,7 @@ def list_options() -> tuple[Option, ...]:
 class IdentifyRequest:
     """What model to identify: the options of `ces identify` by their names, with the sizes of structures in `sizes`.
 
-    `candidates` may be the rules themselves, too. It is what the command line, the node, scripts, campaigns
+    `candidates` and `weight` may be what they stand for, too. It is what the command line, the node, scripts, campaigns
     and plans of iterations make of what they are given.
     """
 
@@ -164,6 +169,7 @@ class IdentifyRequest:
     blend: tuple[str, ...] = BLEND.default
     split: float | None = SPLIT.default
     speed: str | None = SPEED.default
+    weight: tuple[str, ...] | Weighting = WEIGHT.default
     rate: float | None = RATE.default
     delay: float = DELAY.default
     ignore_findings: bool = IGNORE_FINDINGS.default
@@ -189,6 +195,13 @@ class IdentifyRequest:
         own_values = {name: value for name, value in values.items() if name in own}
         return replace(base, **own_values, sizes={**base.sizes, **sizes})
 
+    @classmethod
+    def of_settings(cls, settings: IdentifyOptions) -> IdentifyRequest:
+        """Return the request that has these settings."""
+        values = {**vars(settings), **vars(settings.limits)}
+        own = {declared.name: values[declared.name] for declared in fields(cls) if declared.name in values}
+        return cls(**{**own, "time": None if settings.limits.time == inf else settings.limits.time})
+
     def options(self, base: IdentifyOptions | None = None) -> IdentifyOptions:
         """Return the settings of an identification, with what no option says as in `base`; raises CesError."""
         base = base or IdentifyOptions()
@@ -196,7 +209,8 @@ class IdentifyRequest:
         rules = self.candidates
         if not isinstance(rules, CandidateRules):
             rules = load_rules(rules, self.method)
-        values |= {"candidates": reduce(add_blend, self.blend, rules)}
+        weight = self.weight if isinstance(self.weight, Weighting) else parse_weighting(self.weight)
+        values |= {"candidates": reduce(add_blend, self.blend, rules), "weight": weight}
         values |= {"time": inf if self.time is None else self.time, "threads": self.threads or os.cpu_count() or 1}
         limits = replace(base.limits, **{f.name: values[f.name] for f in fields(Limits) if f.name in values})
         own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
@@ -219,7 +233,7 @@ def _read(options: Mapping[str, Option], name: str, value: Any) -> Any:
     """Return the checked value of an option, a list as a tuple; raises CesError that names the option."""
     if name not in options:
         raise CesError(OptionName(name), f" is unknown{suggest(name, options)}")
-    if isinstance(value, CandidateRules):
+    if isinstance(value, Weighting | CandidateRules):
         return value
     if options[name].many and isinstance(value, str):
         value = [value]

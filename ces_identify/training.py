@@ -30,6 +30,7 @@ from ces_identify.numerics.least_squares import (
     propagate,
 )
 from ces_identify.polynomial.problem import assemble_problem
+from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series, changes
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Model, Sampling
@@ -143,9 +144,9 @@ def build_regressors(data: Training, lags: Lags | LagCounts, rate_Hz: float) -> 
     return tuple(data.regressor(signal, lag) for signal, lag in chosen)
 
 
-def build_training(series: Sequence[Series]) -> Training:
+def build_training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Training:
     """Return the data to fit to; raises RecordingError if there is too little."""
-    problem = assemble_problem(series, (Term(1.0, ()),))
+    problem = assemble_problem(series, (Term(1.0, ()),), weighting=weighting)
     scored = problem.everything > 0.0
     return Training(
         inputs=np.concatenate([s.inputs for s in series], axis=1),

@@ -17,14 +17,14 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import chain, islice
 from math import exp
 from pathlib import Path
 from typing import Any, Self
 
 from ces_observer.bank_design import ACCELERATION, SPEED, BankSettings
-from ces_observer.errors import ModelError
+from ces_observer.errors import ModelError, Suggesting
 from ces_observer.fields import REQUIRED, Field
 from ces_observer.flat import ArrayLayout
 from ces_observer.json_text import parse_json, read_bounded, write_atomically
@@ -47,7 +47,7 @@ def _as_rows(numbers: Iterable[float]) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(islice(triangle, length)) for length in ROWS)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Band:
     """The half-width as a function of the state.
 
@@ -85,6 +85,9 @@ class Band:
     )
     max_distance: float = bounded(0.0, NumberLimits.MAX_INPUT)
     constant_share: float = bounded(0.0, 1.0)
+
+    def __repr__(self) -> str:
+        return f"Band: meant to hold {self.level:.0%} of the measured forces"
 
     def fill(self, layout: ArrayLayout, rate_Hz: float) -> None:
         """Write its numbers into the layout of a model, for `ces_observer.tick.band`."""
@@ -168,8 +171,8 @@ class Sampling:
         )
 
 
-@dataclass(frozen=True)
-class Envelope:
+@dataclass(frozen=True, repr=False)
+class Envelope(Suggesting):
     """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate.
 
     Between the ends of `current_gap_A` no current was recorded: forces there are interpolated, and nothing tests them.
@@ -179,6 +182,10 @@ class Envelope:
     speed_m_s: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     current_A: Range = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT)
     current_gap_A: Range | None = bounded(-NumberLimits.MAX_INPUT, NumberLimits.MAX_INPUT, default=None, optional=True)
+
+    def __repr__(self) -> str:
+        shown = (f"{name}=({ends[0]:.4g}, {ends[1]:.4g})" for name, ends in asdict(self).items() if ends is not None)
+        return f"Envelope({', '.join(shown)})"
 
     @property
     def by_signal(self) -> Ranges:

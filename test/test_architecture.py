@@ -67,15 +67,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 144.9,
-    "ces_data": 114.9,
-    "ces_report": 14.1,
-    "ces_identify": 190,
+    "ces_observer": 143.5,
+    "ces_data": 115.3,
+    "ces_report": 14.3,
+    "ces_identify": 194.2,
     "ces_rig": 71.6,
-    "ces_gap": 129.6,
-    "ces_cli": 64.1,
+    "ces_gap": 130.7,
+    "ces_cli": 65.1,
     "bench": 72.6,
-    "test": 482.9,
+    "test": 483.6,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

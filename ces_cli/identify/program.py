@@ -17,6 +17,8 @@ from ces_cli.terminal.outputs import name_report, print_document, schema_line, w
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.results import (
     cost_rows,
+    fold_rows,
+    fold_table,
     held_out_row,
     model_facts,
     print_band,
@@ -26,22 +28,26 @@ from ces_data.bags.find import find_bags
 from ces_data.checks.check import check_together, require_sound
 from ces_data.checks.content import require_distinct
 from ces_data.findings import Finding
-from ces_data.outputs import OUT, OVERWRITE, REPORT, require_outputs
+from ces_data.outputs import OUT, OVERWRITE, REPORT, require_model_name, require_outputs
 from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_gap.augmented import file_of
 from ces_identify.identification import (
     THINNED,
+    CrossValidation,
     IdentificationResult,
+    cross_validate,
     identify,
+    split_folds,
 )
 from ces_identify.numerics.search import Limits
 from ces_identify.options import IdentifyRequest
 from ces_identify.polynomial.rules_file import built_in_rules
+from ces_identify.prepare.cost import Weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion
 from ces_identify.structures.auto import REASON, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent, teacher_facts
+from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent, round_finite, teacher_facts
 from ces_identify.validation.evaluate import VALIDATION, describe_size
 from ces_identify.validation.lacks import head_lines
 from ces_observer.errors import CesError
@@ -63,14 +69,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     if request.campaign is not None:
         return run_campaign(request, request.campaign)
     work = prepare_identification(request)
-    result = work.run()
+    if request.folds:
+        split_folds(work.bags, request.folds)  # raises before the long search if the recordings do not suffice
+    result, folds = work.run(), None
     with without_text(request.json):
-        _print_result(result, request)
+        if request.folds:
+            result, folds = with_folds(result, request, work.bags, work.how)
+            result.model.save(request.out)
+        _print_result(result, request, work.how.weight)
         if work.report is not None:
             write_report_page(result, work, terminal.command_line("identify", argv))
             print(f"report: {work.report}")
     if request.json:
-        print_document("identify", _as_json(result, work))
+        print_document("identify", _as_json(result, folds, work))
     return 0
 
 
@@ -111,6 +122,7 @@ def prepare_identification(request: IdentifyProgramRequest) -> Identification:
     report = name_report(request.report, [request.out.stem], [path.stem for path in tested])
     inputs = [*paths[0], *paths[1], request.signals, find_file(request.teacher or "")]
     inputs += [candidates] if isinstance(candidates, Path) else []
+    require_model_name(request.out)
     require_outputs(request.overwrite, {OUT: request.out, REPORT: report}, inputs=inputs)
     how = request.model.options()
     measured, (bags, validation) = _read_recordings(paths, request)
@@ -159,7 +171,34 @@ def select_identify_function(request: IdentifyRequest) -> Callable[..., Identifi
 def with_teacher(result: IdentificationResult, teacher: str, measured: Sequence[Recording]) -> IdentificationResult:
     """Return `result` with its teacher in the model's provenance; `measured` are the recordings as logged."""
     facts = teacher_facts(result.model, result.evaluations, teacher, file_of(teacher), measured)
-    return replace(result, model=replace(result.model, provenance={**result.model.provenance, "teacher": facts}))
+    return _with_history(result, "teacher", facts)
+
+
+def _with_history(result: IdentificationResult, key: str, facts: object) -> IdentificationResult:
+    return replace(result, model=replace(result.model, provenance={**result.model.provenance, key: facts}))
+
+
+def with_folds(
+    result: IdentificationResult, request: IdentifyProgramRequest, recordings: Sequence[Recording], how: IdentifyOptions
+) -> tuple[IdentificationResult, CrossValidation]:
+    """Cross-validate, print the table, and return `result` with the costs in its model's provenance, and the costs."""
+
+    def identify(
+        training: Sequence[Recording], held_out: Sequence[Recording], fold: IdentifyOptions
+    ) -> IdentificationResult:
+        with SearchProgress(fold.limits) as progress:
+            return select_identify_function(request.model)(training, held_out, fold, progress.listen)
+
+    folds = cross_validate(recordings, request.folds, identify, how)
+    terminal.print_table(terminal.lay_out(fold_table(folds)))
+    if any(row.interval is None for row in folds.rows):
+        print(f"{NONE}: the free run diverged, or the recording is too short for an interval")
+    rows = [
+        {**row, "J_percent": round_finite(row["J_percent"]), "ci95_percent": bounds and [round(b, 4) for b in bounds]}
+        for row in fold_rows(folds)["rows"]
+        for bounds in [row["ci95_percent"]]
+    ]
+    return _with_history(result, "cross_validation", rows), folds
 
 
 def write_report_page(result: IdentificationResult, work: Identification, command: str) -> None:
@@ -193,9 +232,9 @@ def describe_starts(result: IdentificationResult, request: IdentifyRequest) -> s
     return f"best: start {seed - request.seed + 1} of {request.starts} (seed {seed}); {count} led to a model"
 
 
-def _print_result(result: IdentificationResult, request: IdentifyProgramRequest) -> None:
+def _print_result(result: IdentificationResult, request: IdentifyProgramRequest, weight: Weighting) -> None:
     evaluations, model = result.evaluations, result.model
-    print_costs(evaluations, describe_size(model))
+    print_costs(evaluations, describe_size(model), _weighting(result, weight))
     with terminal.step("finding what the error depends on"):
         lines = head_lines(model, evaluations)
     for line in lines:
@@ -220,6 +259,10 @@ def _print_result(result: IdentificationResult, request: IdentifyProgramRequest)
             terminal.print_warning(advice)
     print_band(model, evaluations)
     print(f"model:  {request.out}")
+
+
+def _weighting(result: IdentificationResult, weight: Weighting) -> Weighting:
+    return weight.with_common_stroke([e.series for e in result.evaluations])
 
 
 def _print_teacher(result: IdentificationResult) -> None:
@@ -254,8 +297,9 @@ def _print_certificate(model: Model, doubt: str) -> None:
     terminal.print_warning(f"{text} observer will refuse this model unless allow_uncertified is true")
 
 
-def _as_json(result: IdentificationResult, work: Identification) -> dict[str, Any]:
+def _as_json(result: IdentificationResult, folds: CrossValidation | None, work: Identification) -> dict[str, Any]:
     best, model = result.search_results[0], result.model
+    weighting = _weighting(result, work.how.weight)
     teacher = None
     if work.request.teacher is not None:
         rows = compare_with_teacher(model, result.evaluations, work.measured)
@@ -263,10 +307,12 @@ def _as_json(result: IdentificationResult, work: Identification) -> dict[str, An
     return {
         "model": {"path": work.request.out, **model_facts(model)},
         "certificate": model.certificate,
-        "recordings": cost_rows(result.evaluations),
+        "weights": str(weighting) if weighting else None,
+        "recordings": cost_rows(result.evaluations, weighting),
         "all_held_out": held_out_row(result.evaluations),
         "search": {"starts": result.starts, "best_seed": best.seed, "stopped": best.ended},
         "structures": model.provenance["selection"].get("structures", {}),
+        "folds": None if folds is None else fold_rows(folds),
         "teacher": teacher,
         "findings": work.findings,
         "report": work.report,

@@ -51,6 +51,15 @@ OF_THE_PROGRAM = (
     *in_group(
         "many identifications",
         Option(
+            "folds",
+            0,
+            "cross-validate, too: hold out each of K folds of the BAGs once (K = number of BAGs: one at a time); a "
+            "single BAG is cut into K stretches. Takes K times as long again; 0: off",
+            0,
+            1000,
+            metavar="K",
+        ),
+        Option(
             "campaign",
             None,
             "identify every combination that FILE.yaml describes and compare them; --out is then a folder, and the "
@@ -105,6 +114,7 @@ class IdentifyProgramRequest(ProgramRequest):
     note: str = ""
     json: bool = False
     show_candidates: bool = False
+    folds: int = 0
     campaign: Path | None = None
     jobs: int | None = None
     model: IdentifyRequest = field(default_factory=IdentifyRequest)

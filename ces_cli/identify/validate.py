@@ -19,6 +19,8 @@ from ces_data.outputs import REPORT as REPORT_FILE
 from ces_data.outputs import require_outputs
 from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
+from ces_identify.options import REGIONS, WEIGHT
+from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.validation.checked import evaluate_checked
 from ces_identify.validation.evaluate import Evaluation, describe_size
 from ces_identify.validation.lacks import head_lines
@@ -41,11 +43,14 @@ class ValidateRequest(ReportRequest):
     """
 
     program = "validate"
-    example = "ces validate model.json bags/road --report validation.html\n  ces validate model.json --certificate"
+    example = (
+        "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
+        "  ces validate model.json --certificate"
+    )
     option_rules = (
         NEED_REPORT,
         only_with(
-            "report part signals overwrite",
+            "report part weight signals overwrite",
             "bags",
             "applies to recordings; name them: ces validate MODEL.json BAG...",
         ),
@@ -54,6 +59,9 @@ class ValidateRequest(ReportRequest):
 
     model: Path = declare(MODEL)
     bags: tuple[str, ...] = declare(replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"))
+    weight: tuple[str, ...] = declare(
+        replace(WEIGHT, meaning=f"also show J with W times the weight for ticks in this region: {REGIONS}")
+    )
     certificate: bool = option(
         False, "prove the model stable again; exit status 1 if it cannot be proved, or the file claims more"
     )
@@ -66,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     report = name_report(request.report, [request.model.stem], [path.stem for path in paths])
     outputs = {REPORT_FILE: report}
     require_outputs(request.overwrite, outputs, inputs=[request.model, *paths, request.signals])
-    model = load_model(request.model)
+    model, weighting = load_model(request.model), parse_weighting(request.weight)
     if not request.bags and not request.certificate:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
     with without_text(request.json):
@@ -75,14 +83,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         recordings = [] if status else _read_recordings(paths, request)
         evaluations, findings = _evaluate_recordings(model, recordings, request)
         if evaluations:
+            weighting = weighting.with_common_stroke([e.series for e in evaluations])
             title = f"{request.model}: {describe_size(model)}"
-            print_costs(evaluations, title, exact=False)
+            print_costs(evaluations, title, weighting)
             with terminal.step("finding what the error depends on"):
                 lines = head_lines(model, evaluations)
             for line in lines:
                 terminal.print_warning(line)
             print_band(model, evaluations)
-            _print_details(evaluations)
+            _print_details(evaluations, weighting)
         if evaluations and report is not None:
             from ces_identify.report.page import write_report
 
@@ -90,12 +99,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             head = PageHead(request.title, request.note, command, recorded)
             head = head.titled(f"Validation of {request.model.name}")
             with terminal.step("writing the report"):
-                write_report(report, head, model, evaluations)
+                write_report(report, head, model, evaluations, weighting=weighting)
             print(f"report: {report}")
     if request.json:
         print_document(
             "validate",
-            {**_as_json(model, proof, evaluations, request), "report": report, "findings": findings},
+            {**_as_json(model, proof, evaluations, weighting, request), "report": report, "findings": findings},
         )
     return status
 
@@ -122,7 +131,9 @@ def _evaluate_recordings(
     return evaluations, findings
 
 
-def _print_details(evaluations: Sequence[Evaluation]) -> None:
+def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:
+    if weighting:
+        print(f"weights: {weighting}")
     for e in evaluations:
         tests = residual_tests(e)
         for line in verdicts(tests) if tests else ("not tested: the free run diverged or is too short",):
@@ -133,12 +144,14 @@ def _as_json(
     model: Model,
     proof: Certificate | None,
     evaluations: Sequence[Evaluation],
+    weighting: Weighting,
     request: ValidateRequest,
 ) -> dict[str, Any]:
     return {
         "model": {"path": request.model, **model_facts(model)},
         "certificate": None if proof is None else certificate_facts(model, proof),
-        "recordings": cost_rows(evaluations),
+        "weights": str(weighting) if weighting else None,
+        "recordings": cost_rows(evaluations, weighting),
         "all_held_out": held_out_row(evaluations),
         "residuals": {e.name: _residual_facts(e) for e in evaluations},
     }

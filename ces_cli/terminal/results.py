@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from rich.text import Text
 
 from ces_cli.terminal.terminal import lay_out, print_table, print_warning
 from ces_data.samples import Coverage
+from ces_identify.identification import CrossValidation
+from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.validation.cost_table import NONE, cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
     VALIDATION,
@@ -21,11 +24,12 @@ from ces_identify.validation.evaluate import (
     pool_evaluations,
 )
 from ces_observer.model import Model
+from ces_report.table import Table, text_table
 
 
-def print_costs(evaluations: Sequence[Evaluation], title: str, exact: bool = True) -> None:
+def print_costs(evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL) -> None:
     """Print the costs, also of all held-out recordings together, why figures are missing, and warnings."""
-    table = lay_out(cost_table(evaluations, title, exact))
+    table = lay_out(cost_table(evaluations, title, weighting))
     table.columns[0].min_width = min(14, max(len(e.name) for e in evaluations))
     table.columns[1].no_wrap = True
     table.rows[-1].end_section = True
@@ -39,11 +43,11 @@ def print_costs(evaluations: Sequence[Evaluation], title: str, exact: bool = Tru
         print_warning(text)
 
 
-def cost_rows(evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
+def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:
     """Return the costs for --json, not rounded: an object for each evaluation.
 
     Its keys are `recording`, `role`, `scored_s`, `J_percent` and `ci95_percent` (both null if the run
-    diverged), `floor_percent` (null where cycles do not repeat), `rms_N`,
+    diverged), `floor_percent` (null where cycles do not repeat), `weighted_J_percent` (null without weights), `rms_N`,
     `outside_envelope` and `force_held` (shares) and `inside_band` (share; null without a band).
     """
     return [
@@ -54,6 +58,7 @@ def cost_rows(evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
             "J_percent": e.cost,
             "ci95_percent": _interval_as_list(e.interval),
             "floor_percent": e.floor,
+            "weighted_J_percent": e.weighted_cost(weighting) if weighting else None,
             "rms_N": e.rms_N,
             "outside_envelope": e.outside_share,
             "force_held": e.held_share,
@@ -69,6 +74,32 @@ def held_out_row(evaluations: Sequence[Evaluation]) -> dict[str, Any] | None:
     if pooled is None:
         return None
     return {"J_percent": pooled.cost, "ci95_percent": _interval_as_list(pooled.interval)}
+
+
+def fold_table(result: CrossValidation) -> Table[Sequence[str]]:
+    """Return a table with a row for each held-out recording, and the mean and spread of J."""
+    rows = [
+        (r.recording, str(r.fold), percent(r.cost, r.interval), interval_text(r.interval), r.model) for r in result.rows
+    ]
+    spread = f"spread {result.spread:.2f}" if math.isfinite(result.spread) else NONE
+    heads = ("recording", "fold", "J %", "95 %", "model")
+    table = text_table(heads, [*rows, ("mean", "", percent(result.mean), spread, "")], "each recording held out once")
+    return replace(table, group=lambda row: row[0] == "mean")
+
+
+def fold_rows(folds: CrossValidation) -> dict[str, Any]:
+    """Return the held-out costs of a cross-validation."""
+    rows = [
+        {
+            "recording": row.recording,
+            "fold": row.fold,
+            "J_percent": row.cost,
+            "ci95_percent": _interval_as_list(row.interval),
+            "model": row.model,
+        }
+        for row in folds.rows
+    ]
+    return {"rows": rows, "mean_J_percent": folds.mean, "spread_J_percent": folds.spread}
 
 
 def model_facts(model: Model) -> dict[str, Any]:

@@ -42,6 +42,18 @@ class ConstantLevel:
 
 
 @dataclass(frozen=True)
+class Ramp:
+    """A straight line from start to end."""
+
+    from_A: float = _current(LOW, "current at the start")
+    to_A: float = _current(HIGH, "current at the end")
+
+    def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
+        """Return the line."""
+        return np.linspace(self.from_A, self.to_A, len(time_s))
+
+
+@dataclass(frozen=True)
 class Steps:
     """Levels one after the other, each held, repeated."""
 
@@ -171,7 +183,7 @@ class CurrentSequence:
 
 
 SINGLE: Mapping[str, type[Any]] = {
-    "constant": ConstantLevel, "steps": Steps, "prbs": Prbs, "binary": Binary,
+    "constant": ConstantLevel, "ramp": Ramp, "steps": Steps, "prbs": Prbs, "binary": Binary,
     "filtered_noise": FilteredNoise, "sine": SineCurrent, "stroke_following": StrokeFollowing,
 }  # fmt: skip
 KINDS: Mapping[str, type[Any]] = {**SINGLE, KIND: CurrentSequence}  # known before the damper moves

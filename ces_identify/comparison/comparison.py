@@ -218,7 +218,7 @@ def compare(
     Raises CesError for fewer than two models, equal names, or recordings without a force.
     """
     if not 2 <= len(models) <= ComparisonLimits.MAX_MODELS:
-        raise CesError(f"{len(models)} models to compare; expected 2 to {ComparisonLimits.MAX_MODELS}")
+        raise CesError(f"models: {len(models)} given; expected 2 to {ComparisonLimits.MAX_MODELS}")
     names = [model.name for model in models]
     if len(set(names)) < len(names):
         raise CesError(f"two models are named '{max(names, key=names.count)}'; give each a name of its own")

@@ -20,6 +20,7 @@ from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen, signal_values
 from ces_identify.polynomial.rules_file import FIRST_GUESS_S, constructions_from
 from ces_identify.polynomial.selection import GaussNewtonSearch
+from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
 from ces_observer.errors import CesError, OptionName
 from ces_observer.model import Envelope
@@ -135,7 +136,7 @@ COARSE_HZ = 250.0  # rate of searches and fits; the lag itself is computed at th
 
 
 def find_time_constants(
-    rules: CandidateRules, series: Sequence[Series], limits: Limits, stable: bool = True
+    rules: CandidateRules, series: Sequence[Series], limits: Limits, stable: bool = True, weighting: Weighting = EQUAL
 ) -> CandidateRules:
     """Return `rules` with every open time constant [s] set to that of the lowest selection cost [%] on `series`.
 
@@ -144,7 +145,7 @@ def find_time_constants(
     end = clock_s() + limits.time
 
     def problem(name: str, seconds: float, chosen: I | None = None) -> Problem:
-        return _coarse_problem(rules.with_time_constant(name, seconds), series, stable, chosen)
+        return _coarse_problem(rules.with_time_constant(name, seconds), series, stable, weighting, chosen)
 
     for name in rules.open_lags:
         guess, tried = FIRST_GUESS_S, list[float]()
@@ -161,12 +162,14 @@ def find_time_constants(
     return rules
 
 
-def _coarse_problem(rules: CandidateRules, series: Sequence[Series], stable: bool, chosen: I | None = None) -> Problem:
+def _coarse_problem(
+    rules: CandidateRules, series: Sequence[Series], stable: bool, weighting: Weighting, chosen: I | None = None
+) -> Problem:
     """Return the problem at about COARSE_HZ, with only the candidates at the indices `chosen` if there are any."""
     terms = rules.candidates()
     terms = terms if chosen is None else tuple(terms[i] for i in chosen)
     step = max(1, round(series[0].rate_Hz / COARSE_HZ))
-    return coarsen(assemble_problem(series, terms, stable), step)
+    return coarsen(assemble_problem(series, terms, stable, weighting), step)
 
 
 def _search_shortly(problem: Problem, limits: Limits) -> SearchResult:

@@ -18,7 +18,7 @@ from ces_identify.limits import EnvelopeLimits, MisfitLimits, StabilityLimits, T
 from ces_identify.numerics import kernels
 from ces_identify.numerics.core import compile_tick, core_kernel
 from ces_identify.numerics.kernels import TermArrays
-from ces_identify.prepare.cost import require_force
+from ces_identify.prepare.cost import EQUAL, Weighting, require_force
 from ces_identify.prepare.series import Series
 from ces_observer.errors import RecordingError
 from ces_observer.flat import ArrayLayout
@@ -231,10 +231,13 @@ def coarsen(problem: Problem, step: int) -> Problem:
     )
 
 
-def assemble_problem(series: Sequence[Series], candidates: Sequence[Term], stable: bool = True) -> Problem:
+def assemble_problem(
+    series: Sequence[Series], candidates: Sequence[Term], stable: bool = True, weighting: Weighting = EQUAL
+) -> Problem:
     """Return the problem of choosing among `candidates` on `series`; raises RecordingError if these hold too little.
 
-    With `stable`, only models that are contractions at the probed inputs are considered.
+    With `stable`, only models that are contractions at the probed inputs are considered. `weighting` applies to fit and
+    cost.
     """
     for recorded in series:
         require_force(recorded)
@@ -247,9 +250,10 @@ def assemble_problem(series: Sequence[Series], candidates: Sequence[Term], stabl
     recordings = np.repeat(np.arange(len(series)), [len(s.segments) for s in series]).astype(np.int64)
     powers = layout.power_table(envelope, inputs, segments, series[0].rate_Hz)
     measured = np.nan_to_num(np.concatenate([s.force for s in series]))
-    everything = np.concatenate([_weights(s, s.scored) for s in series])
-    selection = np.concatenate([_weights(s, s.scored & ~estimation_ticks(s)) for s in series])
-    one_step = _fit_weights(series, layout)
+    weighting = weighting.with_common_stroke(series)
+    everything = np.concatenate([_weights(s, s.scored, weighting) for s in series])
+    selection = np.concatenate([_weights(s, s.scored & ~estimation_ticks(s), weighting) for s in series])
+    one_step = _fit_weights(series, layout, weighting)
     if np.count_nonzero(one_step) < TickLimits.MIN_ERRORS:
         raise RecordingError(
             f"{np.count_nonzero(one_step)} estimation ticks; expected at least {TickLimits.MIN_ERRORS}: record longer"
@@ -350,9 +354,9 @@ def estimation_ticks(series: Series) -> Mask:
     return np.asarray(block % PERIOD_BLOCKS < ESTIMATION_BLOCKS)
 
 
-def _weights(series: Series, ticks: Mask) -> F:
-    """Return 1 / sum (y - mean y)^2 on `ticks`, 0 elsewhere, so that the weighted squared error is (J / 100)^2."""
-    weights, force = ticks.astype(np.float64), np.where(ticks, series.force, 0.0)
+def _weights(series: Series, ticks: Mask, weighting: Weighting) -> F:
+    """Return w / sum w (y - mean y)^2 on `ticks`, 0 elsewhere, so that the weighted squared error is (J / 100)^2."""
+    weights, force = np.where(ticks, weighting.tick_weights(series), 0.0), np.where(ticks, series.force, 0.0)
     mean = float(weights @ force) / max(float(weights.sum()), 1e-300)
     spread = float(weights @ (force - mean) ** 2)
     if spread <= 0.0:
@@ -360,7 +364,7 @@ def _weights(series: Series, ticks: Mask) -> F:
     return weights / spread
 
 
-def _fit_weights(series: Sequence[Series], layout: TermLayout) -> F:
+def _fit_weights(series: Sequence[Series], layout: TermLayout, weighting: Weighting) -> F:
     """Return the least-squares weights (ticks,): 0 off the estimation ticks and where a past force was not measured."""
     depth = int(layout.arrays.outputs.max(initial=0))
     weights = []
@@ -371,6 +375,7 @@ def _fit_weights(series: Sequence[Series], layout: TermLayout) -> F:
             usable[lag:] &= finite[:-lag]
         for start, _ in recorded.segments:
             usable[start : start + depth] = False
-        scale = _weights(recorded, recorded.scored).sum() / max(float(recorded.scored.sum()), 1e-300)
-        weights.append(np.where(usable & estimation_ticks(recorded), scale, 0.0))
+        own = weighting.tick_weights(recorded)
+        scale = _weights(recorded, recorded.scored, weighting).sum() / max(own[recorded.scored].sum(), 1e-300)
+        weights.append(np.where(usable & estimation_ticks(recorded), scale * own, 0.0))
     return np.concatenate(weights)

@@ -11,6 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from ces_identify.physical.quantities import ERRORS
+from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.sampling import delay_text
 from ces_identify.report.figures import (
     MAX_DOTS,
@@ -28,7 +29,7 @@ from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
 from ces_identify.structures.polynomial import COSTS_BY_TERMS, size_sections
-from ces_identify.validation.cost_table import cost_table, interval_text, percent
+from ces_identify.validation.cost_table import COSTS, cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
     VALIDATION,
@@ -49,7 +50,6 @@ from ces_report.typesetting import join_names, minus, three_figures
 ROLES = (VALIDATION, IDENTIFICATION)
 MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
-COSTS = "cost_J_percent"  # key in the provenance; the first table shows them
 LISTED = (COSTS, IDENTIFICATION, VALIDATION, "usage")  # keys of the provenance; tables show them
 HASH_DIGITS = 16
 SHOWN_ABOVE = (COSTS_BY_TERMS, ERRORS, UNDETERMINED, "structure", "structures", REASON)  # of the selection
@@ -66,11 +66,12 @@ def write_report(
     model: Model,
     evaluations: Sequence[Evaluation],
     facts: Mapping[str, str] | None = None,
+    weighting: Weighting = EQUAL,
 ) -> None:
     """Write the page about `model` and its `evaluations`, HTML that is also well-formed XML, to `path`.
 
-    `facts` are shown with the provenance. Raises CesError if `path` cannot be written; an existing file then stays
-    unchanged.
+    `facts` are shown with the provenance. A `weighting` adds the weighted J of each
+    recording. Raises CesError if `path` cannot be written; an existing file then stays unchanged.
     """
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
     held_out = [e for e in ordered if e.role == VALIDATION]
@@ -94,8 +95,10 @@ def write_report(
         model=model,
         costs=cost_table(
             ordered,
+            weighting=weighting,
             anchors={(ordered[i].name, ordered[i].role): f"recording-{i}" for i in reversed(drawn)},
         ),
+        weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
         pooled=pool_evaluations(held_out) if all(math.isfinite(e.cost) for e in held_out) else None,
@@ -165,12 +168,15 @@ def _describe_costs(evaluations: Sequence[Evaluation]) -> str:
 
 
 def _format_warnings(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return warnings about forces held at their envelope and inputs outside theirs, with the signals' ranges.
+    """Return the warnings of evaluations: no force, held at its envelope, outside the band; inputs outside theirs.
 
     Of more than MAX_WARNED recordings outside, the worst stands for all.
     """
     held = sorted((e for e in evaluations if e.held_text), key=lambda e: -e.held_share)
-    texts = [minus(f"{e.held_text} ({e.role}).") for e in held[:MAX_WARNED]]
+    others = [(e.lost_text, e.role) for e in evaluations if e.lost_text][:MAX_WARNED]
+    others += [(e.held_text, e.role) for e in held[:MAX_WARNED]]
+    others += [(e.band_text, e.role) for e in evaluations if e.band_text][:MAX_WARNED]
+    texts = [minus(f"{text} ({role}).") for text, role in others]
     outside = [e for e in evaluations if e.outside]
     if len(outside) <= MAX_WARNED:
         return texts + [minus(f"{e.outside_text} ({e.role}).") for e in outside]

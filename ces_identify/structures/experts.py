@@ -231,7 +231,7 @@ def fit_experts(
     count: int, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
 ) -> Fitted:
     """Return the mean of the best starts; raises CesError if no start gives a model."""
-    training = build_training(series)
+    training = build_training(series, options.weight)
     lags_s = choose_lags(sampling.rate_Hz)
     past, *inputs = build_regressors(training, Lags((1,), lags_s, lags_s), sampling.rate_Hz)
     limit = largest_gain(options.forget, *longest_lags((*inputs, past)), sampling.rate_Hz) * (1.0 - ROUNDING)

@@ -15,6 +15,7 @@ from ces_identify.numerics.core import run_batch
 from ces_identify.numerics.search import Limits, Listener, SearchResult
 from ces_identify.physical.models import HydraulicModels
 from ces_identify.polynomial.candidate_rules import CandidateRules
+from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
@@ -30,13 +31,13 @@ AUTO = "auto"  # of a size, or the structure: the data choose
 class IdentifyOptions:
     """Options of an identification, named as those of `ces identify`.
 
-    `split` is the share of each recording to identify on. `speed` says whether the model differentiates the
-    position or needs a measured speed, too: POSITION, MEASURED, or as the recordings are (`choose_motion`). Without
-    `candidates`, the built-in rules of the search method apply. `rate` [Hz] fixes the ticks. `delay` [s] is how
-    long after a sample its speed is taken. With `certificate`, only models with one
-    (ces_observer.proof.certificate) are considered; the thesis' procedure considers all and gives a certificate to
-    the model that it finds, if the proof succeeds. With `band`, the model gets a band (ces_observer.model). A model
-    forgets where it was started within `forget` [s].
+    `split` is the share of each recording to identify on. `speed` says whether the model differentiates the position
+    or needs a measured speed, too: POSITION, MEASURED, or as the recordings are (`choose_motion`). Without
+    `candidates`, the built-in rules of the search method apply. `rate` [Hz] fixes the ticks. `delay` [s] is how long
+    after a sample its speed is taken. `weight` sets which ticks matter more in fit and selection. With `certificate`,
+    only models with one (ces_observer.proof.certificate) are considered; the thesis' procedure considers all and gives
+    a certificate to the model that it finds, if the proof succeeds. With `band`, the model gets a band
+    (ces_observer.model). A model forgets where it was started within `forget` [s].
     """
 
     split: float | None = None
@@ -45,6 +46,7 @@ class IdentifyOptions:
     rate: float | None = None
     delay: float = 0.0
     certificate: bool = True
+    weight: Weighting = EQUAL
     band: bool = True
     forget: float = 5.0
     speed: str | None = None

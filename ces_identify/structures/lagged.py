@@ -84,7 +84,7 @@ class LaggedShape(ABC):
         self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
     ) -> Fitted:
         """Return the best model; raises CesError if no start gives one. Rules and limits on terms do not apply."""
-        end_s, data = clock_s() + options.limits.time, build_training(series)
+        end_s, data = clock_s() + options.limits.time, build_training(series, options.weight)
         listener(f"choosing the inputs of the {self.option}")
         shape = self if self.lags is not None else self._choose_lags(data, sampling.rate_Hz, options, end_s)
         family = shape.family(data, sampling.rate_Hz)

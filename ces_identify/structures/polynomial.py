@@ -117,8 +117,8 @@ def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Probl
     if not changes(np.concatenate([series.current for series in training])):
         rules = rules.without_signal("current")
     rules = restrict_to_data(rules.at_rate(training[0].rate_Hz), training)
-    rules = find_time_constants(rules, training, options.limits.within(end), stable)
-    problem = assemble_problem(training, rules.candidates(), stable)
+    rules = find_time_constants(rules, training, options.limits.within(end), stable, options.weight)
+    problem = assemble_problem(training, rules.candidates(), stable, options.weight)
     past = max((term.output_lag for term in problem.candidates), default=0)
     inputs = max((f.lag for term in problem.candidates for f in term.inputs), default=0)
     gain = largest_gain(options.forget, past, inputs, training[0].rate_Hz) - PROOF_ROOM

@@ -131,7 +131,7 @@ def train_member(family: RecurrentFamily, start: SearchStart) -> SearchResult:
 
 def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
     """Return the best model; raises CesError if no start gives one. A fit of one start has one network."""
-    training, limits = build_training(series), options.limits
+    training, limits = build_training(series, options.weight), options.limits
     family = build_family(training, sampling.rate_Hz)
     starts = replace(limits, starts=min(limits.starts, MEMBERS))
     listener("training recurrent networks")

@@ -123,7 +123,7 @@ def refitter(previous: Model) -> Fitter:
     """Return a fitter that improves the coefficients of the polynomial `previous` on new data and keeps its terms."""
 
     def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
-        problem = assemble_problem(series, _terms(previous), options.certificate)
+        problem = assemble_problem(series, _terms(previous), options.certificate, options.weight)
         old = Model(sampling, previous.body, problem.envelope, problem.force_envelope)
         better = _improve(problem, old, np.ones(len(problem.everything)))
         model = better if better is not None and better.is_stable() else old

@@ -44,7 +44,7 @@ def test_currents_in_the_gap_are_warned_of_wherever_the_model_runs(tmp_path):
         ces.simulate(holed, T, X, 0.5)
     with pytest.warns(UserWarning, match="currents 0.5 A: No current between 0.35 and 0.65 A was recorded"):
         holed.force_speed(0.5, 0.1)
-    assert not [i for i in holed.force_speed(speeds=0.1).index if 0.35 < i < 0.65]
+    assert not [i for i in holed.force_speed(speeds=0.1).columns if 0.35 < i < 0.65]
     driven = {"time_s": T, "position_m": X, "current_A": 0.3, "force_N": 3000.0 * np.gradient(X, T)}
     page = holed.report(tmp_path / "page.html", driven).read_text(encoding="utf-8")
     assert "Currents between 0.35 and 0.65 A: none was recorded" in page

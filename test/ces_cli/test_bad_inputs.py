@@ -29,6 +29,9 @@ identify one --out m.json --report taken | taken: exists; choose another name
 identify one --out m.json --report m.json | m.json: is named by --out and --report
 identify one --teacher model.json --overwrite | model.json: is an input, too
 identify one --validate two --out mine.json --report empty | empty/mine_on_two.html: exists; choose another name
+identify one two --folds 3 --out m.json | --folds 3: 2 recordings
+identify one two --folds 1 --out m.json | expected at least 2
+identify one --folds 9 --out m.json | use fewer folds
 identify one --validate one --out m.json | one: the same recording, for identification and for validation
 identify one --validate copy --out m.json | one and copy: the same recording, for identification and for validation
 identify one copy --out m.json | one and copy: the same recording, twice for identification
@@ -82,6 +85,7 @@ validate model.json two --part 90 99 | no part from 90 s to 99 s; it has
 characterise two --part 1 1.00001 | expected at least 2
 diagnose --sim model.json --real two --part 1 two --out new | found 'two'; expected a number from 0 s
 identify one --campaign c.yaml --out new --part 0 1 | --part does not apply to campaigns
+validate model.json two --weight everything=2 | --weight everything=2: expected zero_crossing
 validate model.json two --report taken | taken: exists; choose another name
 validate model.json two --report new.pdf | a report is an HTML page; expected a name that ends in .html
 validate model.json two --report empty | empty/model_on_two.html: exists; choose another name
@@ -106,7 +110,8 @@ replay model.json one --out full | full: is a folder but not a bag
 replay model.json one --out full --overwrite | full: is a folder but not a bag
 replay model.json one --out one --overwrite | one: is an input, too
 export model.json --out m.cpp | m.cpp: expected a name that ends in .ces (flat file of the C++ node) or .c (C99
-export model.json --out m | m: expected a name that ends in .ces
+export model.json --out m.c --format fmu | m.c: expected a name that ends in .fmu (FMI 2.0 co-simulation)
+export model.json --out m --format c | m: expected a name that ends in .c
 export model.json --out m.c --sources-only | --sources-only applies to an FMU only
 export model.json --out missing/m.fmu --sources-only | missing/m.fmu: the folder
 export model.json --out missing/m.c | missing does not exist; make it first

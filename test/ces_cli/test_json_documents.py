@@ -47,13 +47,13 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def identified(work: Path) -> tuple[dict[str, Any], Path]:
-    """The document of an identification, and its model."""
+    """The document of an identification with folds, and its model."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(work)
         patch.setattr(*NO_SHORT_FITS)
         words = ("identify", "one", "--validate", "two", "--out", "model.json", "--candidates", "rules.yaml")
         with (work / "document").open("w") as out, redirect_stdout(out):
-            assert ces(*words, "--terms", 4, "--starts", 1, "--threads", 1, "--json") == 0
+            assert ces(*words, "--terms", 4, "--starts", 1, "--threads", 1, "--folds", 2, "--json") == 0
     return json.loads((work / "document").read_text()), work / "model.json"
 
 
@@ -64,20 +64,15 @@ def test_every_program_with_tables_has_the_option() -> None:
 
 
 def test_validate(work: Path, identified: object, capsys: pytest.CaptureFixture[str]) -> None:
-    bags, more = (work / "two", work / "one"), ("--certificate",)
+    bags, more = (work / "two", work / "one"), ("--certificate", "--weight", "zero_crossing=3")
     words = ("validate", work / "model.json", *bags, *more)
     document, text = document_of(capsys, *words), text_of(capsys, *words)
     assert document["ces_observer"] == __version__
     for row in document["recordings"]:
         low, high = row["ci95_percent"]
         cost, ends = format_within(row["J_percent"], low, high)
-        cells = (
-            cost,
-            *ends.split(" to "),
-            f"{row['rms_N']:.1f}",
-            f"{100 * row['outside_envelope']:.1f}",
-            f"{100 * row['inside_band']:.1f}",
-        )
+        cells = (cost, *ends.split(" to "), f"{row['weighted_J_percent']:.2f}")
+        cells += (f"{row['rms_N']:.1f}", f"{100 * row['outside_envelope']:.1f}", f"{100 * row['inside_band']:.1f}")
         line = next(line for line in text.splitlines() if line.strip().startswith(row["recording"]))
         assert all(cell in line.split() for cell in cells), (cells, line)
         assert row["J_percent"] != round(row["J_percent"], 6)
@@ -93,6 +88,9 @@ def test_identify(identified: tuple[dict[str, Any], Path]) -> None:
         row["recording"]: row["J"] for row in stored["cost_J_percent"]
     }
     assert document["search"]["best_seed"] == stored["selection"]["best_seed"]
+    folds = document["folds"]
+    assert folds["mean_J_percent"] == pytest.approx(np.mean([row["J_percent"] for row in folds["rows"]]))
+    assert [round(row["J_percent"], 4) for row in folds["rows"]] == [r["J_percent"] for r in stored["cross_validation"]]
     assert document["teacher"] is None and document["report"] is None
 
 

@@ -12,6 +12,7 @@ from planted import with_values
 from ces_data.findings import Finding
 from ces_identify.identification import identify
 from ces_identify.numerics.search import TIME_IS_UP, Limits
+from ces_identify.polynomial.rules_file import parse_rules
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.band import band_half_width
@@ -128,6 +129,27 @@ def test_the_model_comes_with_its_certificate(result):
 def test_a_search_without_time_ends_with_its_first_model():
     result = identify([planted(1)], (), options(limits=Limits(6, 0.0, 0.0, 2, 1, 2)))
     assert 1 <= len(result.model.body.terms) <= 2 and result.search_results[0].ended == TIME_IS_UP
+
+
+def test_weights_pull_the_model_to_their_region():
+    """A model too poor for the whole range fits the region that weighs better, and the rest worse."""
+    from ces_identify.prepare.cost import parse_weighting
+
+    recording = planted(2)
+    poor = parse_rules({"speed": {"lags": [0], "powers": [1.0], "forms": ["signed"]}, "products": [["speed"]]}, "poor")
+    slow = parse_weighting(["zero_crossing:0.1=1000"])
+
+    def slow_error(weighting):
+        options = IdentifyOptions(1.0, poor, Limits(1, 10.0, starts=1, threads=1), weight=weighting)
+        result = identify([recording], options=options)
+        one = result.evaluations[0]
+        crossing = abs(one.series.speed[one.series.scored]) < 0.1
+        return np.abs(one.error[crossing]).mean(), np.abs(one.error[~crossing]).mean(), result.model.provenance
+
+    plain, weighted = slow_error(parse_weighting([])), slow_error(slow)
+    assert weighted[0] < 0.9 * plain[0]
+    assert weighted[1] > plain[1]
+    assert weighted[2]["selection"]["weights"] == "zero_crossing:0.1=1000"
 
 
 def test_a_model_with_a_delay_has_a_band_of_its_own_and_no_force_for_the_last_ticks():

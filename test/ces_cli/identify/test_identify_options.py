@@ -19,7 +19,7 @@ from ces_observer.options import NO_WORDS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
 # A node does not need campaigns, parts of recordings, cross-validation or text on standard output.
-LEFT_OUT = frozenset({"campaign", "jobs", "show_candidates", "help", "json", "part", "title", "note"})
+LEFT_OUT = frozenset({"campaign", "jobs", "folds", "show_candidates", "help", "json", "part", "title", "note"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 ACTIONS = {action.dest: action for action in terminal.parser(IdentifyProgramRequest)._actions}

@@ -1,4 +1,4 @@
-"""`ces validate` and `ces identify` on small bags: what they print, refuse, and write into the model."""
+"""`ces validate` and `ces identify --folds` on small bags: what they print, refuse, and write into the model."""
 
 import json
 import re
@@ -14,7 +14,9 @@ from small_recordings import RULES
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.recording import Channel, Recording
+from ces_identify.prepare.cost import parse_weighting, weighted_cost
 from ces_identify.prepare.series import prepare
+from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
@@ -48,29 +50,33 @@ def work(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(*NO_SHORT_FITS)
-        assert ces("identify", "one", "two", "--terms", 3, *SEARCH) == 0
+        assert ces("identify", "one", "two", "--folds", 2, "--terms", 3, *SEARCH) == 0
         yield folder
 
 
 @pytest.fixture(scope="module")
 def printed(work):
-    """Output of `ces validate` for a held-out bag and a bag of repeated cycles."""
-    words = ("--report", "v.html")
+    """Output of `ces validate` with weights for a held-out bag and a bag of repeated cycles."""
+    words = ("--weight", "zero_crossing:0.1=3", "--weight", "current:0.6..0.7=2", "--report", "v.html")
     with (work / "printed").open("w") as out, redirect_stdout(out):
         assert ces("validate", "model.json", "one", *words, "--part", "5", "99", "cycles") == 0
     return (work / "printed").read_text()
 
 
-def test_costs_come_with_interval_and_floor(work, printed):
+def test_costs_come_with_interval_floor_and_weighted_cost(work, printed):
     model, row = (
         load_model(work / "model.json"),
         next(line for line in printed.splitlines() if "cycles 5-" in line).split(" s ", 1)[1].split(),
     )
     series = prepare(read_recording(work / "cycles", DEFAULT).part(5.0, 99.0), model.sampling)
-    cost, low, _, high, floor = row[3:8]
+    scored, force = series.scored, simulate_series(model, series).force
+    weights = parse_weighting(["zero_crossing:0.1=3", "current:0.6..0.7=2"]).tick_weights(series)[scored]
+    cost, low, _, high, floor, weighted = row[3:9]
     assert float(low) <= float(cost) <= float(high)
-    noise = 100.0 * 8.0 / series.force[series.scored].std()
+    noise = 100.0 * 8.0 / series.force[scored].std()
     assert 0.6 * noise < float(floor) < 1.15 * noise  # interpolation at the ticks takes some of the noise away
+    assert float(weighted) == pytest.approx(weighted_cost(series.force[scored], force[scored], weights), abs=0.006)
+    assert "weights: zero_crossing:0.1=3 current:0.6..0.7=2" in printed
 
 
 def test_residuals_take_a_line_each(printed):
@@ -80,7 +86,7 @@ def test_residuals_take_a_line_each(printed):
 
 def test_the_report_shows_them_too(work, printed):
     page = (work / "v.html").read_text()
-    for text in ("95&#160;% interval", "noise floor", "speed → residual"):
+    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed → residual"):
         assert text in page
 
 
@@ -106,8 +112,17 @@ def test_the_use_of_every_second_is_in_the_table_and_in_the_model(work, capsys):
     assert "no choice used the test seconds" in history["usage_rule"]
 
 
-def test_identify_prints_the_use_of_seconds(work, capsys):
-    out = text_of(capsys, "identify", "one", "--out", "alone.json", "--terms", 2, *SEARCH)
+def test_folds_are_in_the_model_and_no_test_second_is_in_them_twice(work):
+    rows = json.loads((work / "model.json").read_text())["provenance"]["cross_validation"]
+    assert [(row["recording"], row["fold"]) for row in rows] == [("one", 1), ("two", 2)]
+    for row in rows:
+        low, high = row["ci95_percent"]
+        assert low < row["J_percent"] < high < 20.0
+
+
+def test_identify_prints_the_folds_and_the_use_of_seconds(work, capsys):
+    out = text_of(capsys, "identify", "one", "--folds", 2, "--out", "folds.json", "--terms", 2, *SEARCH)
+    assert "0.0-4.5 s" in out and "4.5-9.0 s" in out and "spread" in out
     assert re.search(r"identification \d+\.\d s", out) and re.search(r"validation \d+\.\d s", out)
     assert "of every 3 s of identification data" in out
 

@@ -11,6 +11,7 @@ from pages import assert_self_contained
 from report_examples import TERMS, WIDE, damper, model
 
 from ces_identify.polynomial.problem import compute_envelope
+from ces_identify.prepare.cost import parse_weighting, weighted_cost
 from ces_identify.report.figures import choose_window, make_grid
 from ces_identify.report.page import write_report
 from ces_identify.structures.polynomial import COSTS_BY_TERMS, format_term
@@ -316,6 +317,18 @@ def test_correlations_are_drawn_with_their_bands_and_told(whole, both):
         heights = [(max(ys) - min(ys)) / c.band for ys, c in zip(edges, plots, strict=True)][1:]
         assert heights == pytest.approx([heights[0]] * len(heights), rel=0.02)  # one scale for all inputs
         assert verdicts(tests)[1] in words(article)
+
+
+def test_weighted_cost_has_a_column_if_asked_for(tmp_path, both):
+    path, weighting = tmp_path / "w.html", parse_weighting(["zero_crossing=3"])
+    write_report(path, PageHead("A model"), model(), both, weighting=weighting)
+    root = ET.fromstring(path.read_text(encoding="utf-8"))
+    scored = both[1].series.scored
+    expected = weighted_cost(
+        both[1].series.force[scored], both[1].run.force[scored], weighting.tick_weights(both[1].series)[scored]
+    )
+    assert float(cost_cells(root)[0][6]) == pytest.approx(expected, rel=6e-3)
+    assert "zero_crossing=3" in words(section(root, "costs"))
 
 
 def test_the_first_screen_says_fit_place_trust_and_what_to_record(tmp_path, both):
