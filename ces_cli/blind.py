@@ -146,7 +146,7 @@ class BlindRequest(ProgramRequest):
 
     program = "blind"
     example = "\n  ".join(part.example for part in (MakeRequest, RunRequest, ScoreRequest))
-    rules = (only_with("signals", "recording", "applies to --recording only; add it"),)
+    option_rules = (only_with("signals", "recording", "applies to --recording only; add it"),)
     parts = {"make": MakeRequest, "run": RunRequest, "score": ScoreRequest}  # noqa: RUF012 - of the class
 
 

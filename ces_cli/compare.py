@@ -46,7 +46,7 @@ class CompareRequest(ReportRequest):
 
     program = "compare"
     example = "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html"
-    rules = (NEED_REPORT,)
+    option_rules = (NEED_REPORT,)
     intermixed = True
 
     words: tuple[str, ...] = argument((), WORDS, metavar="SIM|BAG", count="+")

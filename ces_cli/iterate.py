@@ -31,7 +31,7 @@ class IterateRequest(ProgramRequest):
 
     program = "iterate"
     example = "ces iterate plan.yaml --out rear_damper"
-    rules = (never_with(ALL, "template", "does not apply with --template", but="template"),)
+    option_rules = (never_with(ALL, "template", "does not apply with --template", but="template"),)
 
     plan: Path | None = argument(None, "the plan (YAML)", metavar="PLAN", count="?")
     out: Path | None = option(

@@ -25,7 +25,7 @@ class RigRequest(BagRequest):
 
     program = "rig"
     example = "ces rig sine_4hz --out sine_4hz"
-    rules = (never_with(ALL, "list", "does not apply with --list", but="list json"),)
+    option_rules = (never_with(ALL, "list", "does not apply with --list", but="list json"),)
 
     experiment: str | None = argument(None, EXPERIMENT, metavar="EXPERIMENT", count="?")
     out: Path | None = option(None, "bag folder to write", metavar="BAG")

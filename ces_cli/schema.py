@@ -48,7 +48,7 @@ class SchemaRequest(ProgramRequest):
         f"checks a file whose first line is '{KEYWORD}PATH', where PATH is what --path prints."
     )
     example = "ces schema signals > signals.schema.json\n  ces schema --list"
-    rules = (
+    option_rules = (
         never_with(ALL, "list", "does not apply with --list, which lists all schemas", but="list json"),
         never_with(ALL, "all", "does not apply with --all, which writes all schemas", but="all"),
         only_with("json", "list", "applies to --list; a schema itself is JSON"),

@@ -50,7 +50,7 @@ class CharacteriseRequest(PageRequest):
 
     program = "characterise"
     example = "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics"
-    rules = (only_with("title note", "out", "is for the page; add --out DIR"),)
+    option_rules = (only_with("title note", "out", "is for the page; add --out DIR"),)
 
     bags: tuple[str, ...] = declare(replace(BAGS, meaning="recordings with a measured force: bags, folders, globs"))
     model: tuple[str, ...] = option((), HELP, metavar="SIM")

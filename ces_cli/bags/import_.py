@@ -51,7 +51,7 @@ class ImportRequest(BagRequest):
         "  ces import my_log.csv --propose > my_dyno.yaml\n"
         "  ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings"
     )
-    rules = (
+    option_rules = (
         never_with(ALL, "template", "does not apply with --template", but="template"),
         never_with("json overwrite signals", "propose", "does not apply with --propose, which prints a mapping"),
     )

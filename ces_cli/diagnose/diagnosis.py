@@ -70,7 +70,7 @@ class DiagnoseRequest(PageRequest):
         "  ces diagnose --identify --reference new/* --real worn/* --out gap\n"
         "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference new/* --out fleet_gap"
     )
-    rules = (
+    option_rules = (
         only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
         never_with(
             "sim",

@@ -42,7 +42,7 @@ class ExportRequest(OutputRequest):
         "ces export model.json --out rear_damper.ces\n  ces export model.json --out rear_damper.c\n"
         "  ces export model.json --out rear_damper.fmu"
     )
-    rules = (
+    option_rules = (
         OptionRule(
             "sources_only",
             lambda values: values["out"].suffix == ".fmu",

@@ -89,7 +89,7 @@ class IdentifyProgramRequest(ProgramRequest):
     example = (
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html"
     )
-    rules = (
+    option_rules = (
         never_with("part", "campaign", "does not apply to campaigns; record or export shorter recordings"),
         only_with("jobs", "campaign", "applies to campaigns; add --campaign FILE.yaml (for threads use --threads)"),
         never_with(

@@ -47,7 +47,7 @@ class ValidateRequest(ReportRequest):
         "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
         "  ces validate model.json --certificate"
     )
-    rules = (
+    option_rules = (
         NEED_REPORT,
         only_with(
             "report part weight signals overwrite",

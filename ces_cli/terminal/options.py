@@ -43,15 +43,15 @@ class OptionRule:
 class ProgramRequest:
     """The base of what programs are asked for: frozen dataclasses, each field of which is declared by an option.
 
-    `program` is its name, `about` what it does (if empty, the docstring says it), `example` lines that show it; `rules`
-    say which options apply together. With `intermixed`, arguments may follow options. `parts` are the requests of
-    subprograms by name.
+    `program` is its name, `about` what it does (if empty, the docstring says it), `example` lines that show it;
+    `option_rules` say which options apply together. With `intermixed`, arguments may follow options. `parts` are the
+    requests of subprograms by name.
     """
 
     program: ClassVar[str] = ""
     about: ClassVar[str] = ""
     example: ClassVar[str] = ""
-    rules: ClassVar[Sequence[OptionRule]] = ()
+    option_rules: ClassVar[Sequence[OptionRule]] = ()
     intermixed: ClassVar[bool] = False
     parts: ClassVar[Mapping[str, type[ProgramRequest]]] = {}
 

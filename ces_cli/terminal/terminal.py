@@ -109,7 +109,7 @@ def parser(request: type[Request]) -> Parser[Request]:
         return {**head, "formatter_class": argparse.RawDescriptionHelpFormatter}
 
     made = Parser[Request](prog=f"ces {request.program}", **texts(request))
-    made.request, made.rules, made.intermixed = request, request.rules, request.intermixed
+    made.request, made.rules, made.intermixed = request, request.option_rules, request.intermixed
     add_options(made, *request.options())
     if request.parts:
         inner = made.add_subparsers(metavar="|".join(request.parts), required=True)
