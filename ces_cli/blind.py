@@ -61,7 +61,7 @@ from ces_rig.blind.scoring import (
     score_cases,
 )
 from ces_rig.dampers.lookup.kernel import learn_lookup
-from ces_rig.dampers.model import EFFECTS, OUTSIDE, DamperModel
+from ces_rig.dampers.model import EFFECTS, OUTSIDE, RigDamper
 from ces_rig.dampers.stepper import KINDS as DAMPERS
 
 DEFAULT_PLANTS = ("lookup", "bouc_wen")  # their equations are not those of the diagnosis' twin
@@ -165,7 +165,7 @@ def make_parser() -> terminal.Parser[ProgramRequest]:
 
 
 def _make(request: MakeRequest) -> int:
-    plants: dict[str, DamperModel] = {name: DAMPERS[name].design for name in request.plants or DEFAULT_PLANTS}
+    plants: dict[str, RigDamper] = {name: DAMPERS[name].design for name in request.plants or DEFAULT_PLANTS}
     if request.recording is not None:
         signals = load_signals(request.signals)
         plants[MAP] = learn_lookup(terminal.read_one(find_bag(request.recording), signals, terminal.FORCE))

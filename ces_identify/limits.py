@@ -180,7 +180,7 @@ class ComparisonLimits:
     MIN_SECONDS = 2.0 * ErrorLimits.SLOWEST_S  # [s] of all recordings together, to tell that there is no difference
 
 
-class VerdictLimits:
+class MisfitLimits:
     """What a report says in words: whether a model fits, and what to record next."""
 
     MISFIT_J = 30.0  # [%] J from which a model does not fit, docs/reports.md

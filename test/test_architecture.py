@@ -27,7 +27,7 @@ MAY_IMPORT = {  # ces_gap and ces_rig never know each other
 ROOMS = {  # folders and modules of each package from the bottom up: each imports only what stands before it
     "ces_observer": (
         "limits arrival_clock errors json_text fields shapes records options current_hold lazy_names proof "
-        "reasons tick core flat bank_design signals band structures cdr model estimator "
+        "reasons tick core flat bank_design signals structures cdr model estimator "
         "damper_observer intake health control nodes"
     ),
     "ces_data": (
@@ -67,15 +67,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 145.6,
-    "ces_data": 116.1,
-    "ces_report": 14.1,
-    "ces_identify": 194.9,
+    "ces_observer": 143.6,
+    "ces_data": 115.4,
+    "ces_report": 14.3,
+    "ces_identify": 194.5,
     "ces_rig": 71.6,
-    "ces_gap": 129.6,
+    "ces_gap": 130.7,
     "ces_cli": 65.9,
     "bench": 72.5,
-    "test": 486,
+    "test": 483.5,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -17,11 +17,10 @@ from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import PAGE, write_characteristics
+from ces_identify.characteristics.page import PAGE, missing_packages, write_characteristics
 from ces_identify.characteristics.rows import Characteristics
 from ces_identify.characteristics.rules import load_rules
 from ces_identify.characteristics.tables import judged_table, peak_table, range_table, response_table, work_table
-from ces_identify.characteristics.workbook import missing_packages
 from ces_identify.comparison.comparison import name_sources
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError, OptionName

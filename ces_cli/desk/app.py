@@ -25,7 +25,7 @@ from werkzeug.serving import BaseWSGIServer, make_server
 from werkzeug.wrappers import Response as BaseResponse
 
 from ces_cli.desk.folder import MODEL, RECORDING, REPORT, SUFFIXES, RefusedError, ServedFolder
-from ces_cli.desk.jobs import PROGRAMS, STRUCTURES, Job, Jobs, make_words
+from ces_cli.desk.jobs import PROGRAMS, STRUCTURES, DeskJob, Jobs, make_words
 from ces_cli.desk.traces import Traces
 from ces_observer import __version__
 from ces_observer.errors import CesError
@@ -207,7 +207,7 @@ class Desk:
                 made[program] = ("", str(error))
         return made
 
-    def _list_files(self, job: Job) -> list[str]:
+    def _list_files(self, job: DeskJob) -> list[str]:
         """Return the files of a job that can be shown, pages first."""
         paths = [path for path in job.path.rglob("*") if path.suffix in SENT and path.is_file()]
         names = sorted(paths, key=lambda path: (path.suffix != ".html", path))[:MAX_FILES]

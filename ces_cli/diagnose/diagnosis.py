@@ -29,7 +29,7 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
 from ces_gap.report.gap_json import gap_content, shrink_of_ceiling
-from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
+from ces_gap.report.tables import calibration_table, cause_notes, cause_table, describe_explanation
 from ces_gap.result_files import REPORT, result_files
 from ces_identify.options import SEED, THREADS
 from ces_identify.simulations.simulation import Simulation
@@ -196,7 +196,6 @@ def take_simulation(
 
 def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], printed_notes: int = 0) -> None:
     """Print a diagnosis and the `files` written to `folder`; the first `printed_notes` notes are already printed."""
-    together = diagnosis.composition
     for text in diagnosis.notes[printed_notes:]:
         terminal.print_warning(text)
     name, style = diagnosis.verdict.replace("_", " ").upper(), f"bold {COLORS[diagnosis.verdict]}"
@@ -204,11 +203,8 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     _print_lines(_gap_lines(diagnosis))
     if diagnosis.causes and diagnosis.verdict != NO_GAP:
         terminal.print_table(terminal.lay_out(cause_table(diagnosis), lambda row: "bold" * (row.css == "named")))
-    parts = zip(together.effects, together.estimates, together.composition.settings, strict=True)
-    for k, (effect, estimates, setting) in enumerate(parts):
-        texts = list(map(str, describe_parameters(estimates, setting)))
-        texts += [f"without it {_newtons(together.without_N[k])} are left"] if together.without_N else []
-        _print_lines([f"{effect}: {', '.join(texts)}"] if texts else [])
+        _print_lines(cause_notes(diagnosis))
+    _print_lines(describe_explanation(diagnosis.composition))
     if (recalibration := calibration_table(diagnosis)) is not None:
         terminal.print_table(terminal.lay_out(recalibration))
     if diagnosis.probe.findings:

@@ -23,6 +23,7 @@ from ces_data.signals_file import load_signals
 from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of
 from ces_gap.inputs.checks import is_seen
 from ces_gap.pipeline import diagnose
+from ces_gap.report.formatting import effect_name
 from ces_gap.result_files import result_files
 from ces_identify.jobs import DONE, FAILED, Row, Task, open_results
 from ces_identify.simulations.simulation import Simulation
@@ -186,7 +187,7 @@ def describe_verdict(row: Row) -> str:
     """Return the verdict with the effects that it names; the reason of a row without a diagnosis."""
     if row["status"] != DONE:
         return str(row["reason"])
-    effects = " + ".join(effect.replace("_", " ") for effect in row["effects"])
+    effects = " + ".join(map(effect_name, row["effects"]))
     verdict = str(row["verdict"]).replace("_", " ")
     return f"{verdict}: {effects}" if effects else verdict
 

@@ -32,7 +32,6 @@ class ExportRequest(OutputRequest):
 
     model: Path = declare(MODEL)
     out: Path = option(meaning=FORM, metavar="FILE")
-    format: str | None = option(None, "default: from the suffix of FILE", choices=tuple(FORMATS))
     name: str | None = option(
         None, "name of the model, prefix of every identifier in C (default: from FILE)", metavar="NAME"
     )
@@ -43,7 +42,7 @@ class ExportRequest(OutputRequest):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     request = make_parser().read(argv)
-    kind, out = _kind(request.out, request.format), request.out
+    kind, out = _kind(request.out), request.out
     outputs: dict[OptionName | str, Path | None] = {OUT: out}
     for name in _names_beside(out) if kind == "c" else ():
         if not _is_shared(out.with_name(name)):
@@ -78,12 +77,12 @@ def make_parser() -> terminal.Parser[ExportRequest]:
         "valid, clamped and reason. Every communication point is a sample; any spacing works, best is the model's "
         "rate.",
         "ces export model.json --out rear_damper.ces\n  ces export model.json --out rear_damper.c\n"
-        "  ces export model.json --format fmu --out rear_damper.fmu",
+        "  ces export model.json --out rear_damper.fmu",
         ExportRequest,
         rules=(
             OptionRule(
                 "sources_only",
-                lambda values: (values["format"] or values["out"].suffix.removeprefix(".")) == "fmu",
+                lambda values: values["out"].suffix == ".fmu",
                 "applies to an FMU only; remove it",
             ),
         ),
@@ -125,10 +124,10 @@ def _export(request: ExportRequest, kind: str) -> Certificate:
     return certificate
 
 
-def _kind(out: Path, form: str | None) -> str:
-    kind = form or out.suffix.removeprefix(".")
-    if kind not in FORMATS or out.suffix != f".{kind}":
-        allowed = [f".{name} ({what})" for name, what in FORMATS.items() if form in (None, name)]
+def _kind(out: Path) -> str:
+    kind = out.suffix.removeprefix(".")
+    if kind not in FORMATS:
+        allowed = [f".{name} ({what})" for name, what in FORMATS.items()]
         raise CesError(f"{out}: expected a name that ends in {' or '.join(allowed)}")
     return kind
 

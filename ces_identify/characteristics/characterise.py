@@ -18,7 +18,14 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_data.reading import RecordingInputs, as_recordings
-from ces_identify.characteristics.conditions import SourceValues, find_conditions, mean, with_sd
+from ces_identify.characteristics.conditions import (
+    SourceValues,
+    find_conditions,
+    list_over_current,
+    list_ranges,
+    mean,
+    with_sd,
+)
 from ces_identify.characteristics.cycles import (
     COMPRESSION,
     DIRECTIONS,
@@ -35,13 +42,12 @@ from ces_identify.characteristics.cycles import (
     steady_current,
 )
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch, prepare_motion
-from ces_identify.characteristics.over_current import list_over_current, list_ranges
 from ces_identify.characteristics.rows import (
     Characteristics,
     ContinuousForce,
     ControlRange,
     CycleWork,
-    Judgement,
+    JudgedValue,
     LoopPoint,
     PeakForce,
     RecordingFacts,
@@ -316,7 +322,7 @@ OF_RANGES: Mapping[str, JudgedColumn] = {
 
 def judge(
     limits: CharacteristicLimits, responses: Sequence[ValveResponse], ranges: Sequence[ControlRange]
-) -> Iterator[Judgement]:
+) -> Iterator[JudgedValue]:
     """Yield a row for each value of which the rules give a limit, or one that says that there is no value."""
     steps = [(row, f"{row.from_A:.3g} to {row.to_A:.3g} A, {row.direction}") for row in responses]
     reaches = [(reach, reach.direction) for reach in ranges]
@@ -324,17 +330,17 @@ def judge(
         for name, column in columns.items():
             allowed = getattr(limits, name)
             if allowed is not None and not rows:
-                yield Judgement(source=MEASURED, limit=name, subject=nothing, allowed=allowed, verdict=UNKNOWN)
+                yield JudgedValue(source=MEASURED, limit=name, subject=nothing, allowed=allowed, verdict=UNKNOWN)
             elif allowed is not None:
                 for row, subject in rows:
                     yield _judge_row(row, f"{subject} at {abs(row.speed_m_s):.3g} m/s", name, column, allowed)
 
 
-def _judge_row(row: Any, subject: str, name: str, column: JudgedColumn, allowed: float) -> Judgement:
+def _judge_row(row: Any, subject: str, name: str, column: JudgedColumn, allowed: float) -> JudgedValue:
     value, reach = (column.factor * getattr(row, one) for one in (column.name, column.interval))
     room = value - allowed if column.at_least else allowed - abs(value)
     known = (WITHIN if room >= 0.0 else OUTSIDE) + NO_INTERVAL * math.isnan(reach)
-    return Judgement(
+    return JudgedValue(
         source=row.source,
         limit=name,
         subject=subject,

@@ -16,7 +16,7 @@ from ces_identify.characteristics.rows import (
     ControlRange,
     CurrentForce,
     CycleWork,
-    Judgement,
+    JudgedValue,
     Omission,
     PeakForce,
     RecordingFacts,
@@ -65,9 +65,9 @@ def _has_branches(results: Characteristics) -> bool:
     return any(not math.isnan(row.width_N) for row in results.over_current)
 
 
-def judged_table(results: Characteristics) -> Table[Judgement]:
+def judged_table(results: Characteristics) -> Table[JudgedValue]:
     """Return a row for each value that a limit of the rules is for."""
-    return Table(columns_of(Judgement), results.judged, "Limits of the rules")
+    return Table(columns_of(JudgedValue), results.judged, "Limits of the rules")
 
 
 def work_table(results: Characteristics) -> Table[CycleWork]:

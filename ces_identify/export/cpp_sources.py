@@ -29,7 +29,6 @@ from ces_observer.nodes.parameter_table import (
     NAME,
     OF_A_DAMPER,
     OF_THE_NODE,
-    OF_THE_PROCESS,
     signal_options,
     type_name,
 )
@@ -38,13 +37,10 @@ from ces_observer.signals import DEFAULTS, MOTIONS, NUMBERS
 from ces_observer.tick.run import rounding_sample
 
 TYPES = {"integer": "int", "integer_array": "int_array"}  # by ROS's name, where the library has another
-PYTHON_ONLY = ("force", "snapshot_after_s", "cost_warn_J", "cost_window_s")
+PYTHON_ONLY = ("executor", "force", "snapshot_service", "snapshot_after_s", "cost_warn_J", "cost_window_s")
 MEANINGS = {
     "model": "absolute path of the flat file from `ces export model.json --out NAME.ces`; a new path is checked and "
     "loaded while running",
-    "snapshot_service": "service of a `ros2 bag record --snapshot-mode` that ~/snapshot calls; empty: none",
-    "executor": "what runs the callbacks of the program: 'single' (auto) is rclcpp's SingleThreadedExecutor, "
-    "'events' its experimental EventsExecutor, no faster here",
     "name": "joint name in the estimate; empty: the one in position.field, else 'damper'",
 }  # of parameters that differ here from the Python node's
 CONSTANT = "current.constant"  # which may be not set, so that the node declares it by hand
@@ -146,13 +142,13 @@ def list_parameters() -> list[Option]:
 
 def _idle_names() -> list[str]:
     """Return the parameters that may change only while the node is not configured."""
-    return [option.name for option in list_parameters() if not option.live and option.name not in OF_THE_PROCESS]
+    return [option.name for option in list_parameters() if not option.live]
 
 
 def parameter_library(name: str, options: Iterable[Option]) -> str:
     """Return parameters.yaml for generate_parameter_library, which declares the `options` in the C++ namespace `name`.
 
-    Ranges are checked by the validators `ces::within` and `ces::one_of`, whose words are those of the Python node.
+    Ranges are checked by the validator `ces::within`, whose words are those of the Python node.
     Raises ModelError for a text that cannot be printed.
     """
     tree: dict[str, Any] = {}
@@ -205,10 +201,6 @@ def _as_yaml(value: Any, indent: str = "\n") -> str:
     return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text
 
 
-def _is_limited(option: Option) -> bool:
-    return option.kind in (int, float) and isfinite(option.high)
-
-
 def _literal(text: str) -> str:
     """Return a text as it stands between quotes in C++. Raises ModelError for what cannot be printed."""
     if not text.isprintable():
@@ -223,12 +215,9 @@ def _declaration(option: Option) -> dict[str, Any]:
     if option.default is not None:
         default = option.default
         declared["default_value"] = _literal(default) if isinstance(default, str) else default
-    declared |= {"description": option.described.replace('"', "'"), "read_only": option.name in OF_THE_PROCESS}
-    if option.choices or _is_limited(option):
+    declared["description"] = option.described.replace('"', "'")
+    if option.kind in (int, float) and isfinite(option.high):
         declared["additional_constraints"] = option.expected
-    if option.choices:
-        declared["validation"] = {"ces::one_of<>": [list(option.choices)]}
-    elif _is_limited(option) and not option.many:
         declared["validation"] = {"ces::within<>": [option.kind(option.low), option.kind(option.high)]}
     return declared
 

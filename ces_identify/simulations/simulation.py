@@ -27,8 +27,7 @@ from ces_observer.errors import CesError
 from ces_observer.limits import NumberLimits
 from ces_observer.model import Model
 from ces_observer.structures.curves import Bypass, FlowMap
-from ces_observer.structures.hydraulic import EDGES, Hydraulic
-from ces_observer.structures.physical import FrictionElement, SideForces
+from ces_observer.structures.hydraulic import EDGES, FrictionElement, Hydraulic, SideForces
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from ces_identify.numerics.core import compile_tick, core_kernel
 from ces_identify.prepare.series import Series
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer import flat
-from ces_observer.band import PARTS, STATE, Band
-from ces_observer.model import Model
+from ces_observer.model import PARTS, STATE, Band, Model
 from ces_observer.structures.structure import Range
 from ces_observer.tick import band as tick
 from ces_observer.tick.model import BAND_STARTED, GAP_LOW, K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
@@ -38,7 +37,7 @@ def band_half_width(band: Band, series: Series, force: F, gap_A: Range | None = 
 
 
 def band_state(band: Band, series: Series) -> F:
-    """Return the state (5, ticks) of `ces_observer.band.STATE`."""
+    """Return the state (5, ticks) of `ces_observer.model.STATE`."""
     return run_bands([band], series, np.zeros(len(series)))[1]
 
 

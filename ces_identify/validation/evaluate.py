@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.limits import BandLimits, EnvelopeLimits, ErrorLimits, TickLimits, VerdictLimits
+from ces_identify.limits import BandLimits, EnvelopeLimits, ErrorLimits, MisfitLimits, TickLimits
 from ces_identify.numerics.correlation import add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
 from ces_identify.prepare.sampling import delay_text
@@ -156,7 +156,7 @@ class Evaluation(PrintedResult):
     def rest_text(self) -> str:
         """That the damper hardly works, so that a small error is a large J; empty if it does, or J is small."""
         force, (low, high) = self.series.force[self.series.scored], self.run.force_envelope_N
-        if self.cost < VerdictLimits.MISFIT_J or not force.std() < EnvelopeLimits.MIN_FORCE * (high - low) < math.inf:
+        if self.cost < MisfitLimits.MISFIT_J or not force.std() < EnvelopeLimits.MIN_FORCE * (high - low) < math.inf:
             return ""
         text = (
             f"the measured force varies by {force.std():.3g} N (standard deviation), of {low:.0f} to {high:.0f} N that"

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
-from time import monotonic
 
 from ces_observer.limits import HealthLimits
 
@@ -109,27 +107,3 @@ class ReasonLog:
         if count > 1:
             message += f"; {count} changes since the last line"
         return message + (f"; {samples} samples withheld" if samples > 1 else "")
-
-
-class LineLimit:
-    """Logs the first line of a kind; those less than a second after the one before are counted, and told by `flush`."""
-
-    def __init__(self, log: Callable[[str], None], clock: Callable[[], float] = monotonic) -> None:
-        self._log, self._clock = log, clock
-        self._last, self._left, self._at_s = "", 0, -inf
-
-    def __call__(self, text: str) -> None:
-        """Log a line, or count it."""
-        now = self._clock()
-        if now - self._at_s < HealthLimits.QUIET_S:
-            self._left, self._last = self._left + 1, text
-        else:
-            self.flush()
-            self._log(text)
-        self._at_s = now
-
-    def flush(self) -> None:
-        """Tell the lines that were left out, once it is quiet; to be called about once a second."""
-        if self._left and self._clock() - self._at_s >= HealthLimits.QUIET_S:
-            left, self._left = self._left, 0
-            self._log(f"{self._last}; the last of {left} such lines")

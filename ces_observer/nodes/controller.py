@@ -18,15 +18,14 @@ from ces_observer.control.control_loop import ControllerHealth, ControlLoop
 from ces_observer.control.force_controller import NO_ESTIMATE, OK, ForceController
 from ces_observer.control.inverse_map import ModelInverse
 from ces_observer.health.diagnostics import NodeFacts, unconfigured_report
-from ces_observer.health.episodes import LineLimit
 from ces_observer.nodes import executors
-from ces_observer.nodes.executors import NodeClock
+from ces_observer.nodes.executors import RARELY, NodeClock
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.inputs import InputSubscriptions
 from ces_observer.nodes.managed_node import ManagedNode
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
 from ces_observer.nodes.model_check import INVERT, PROVE, Verdict, model_facts
-from ces_observer.nodes.outputs import CommandOutput, DamperReport, DesiredOutput, DiagnosticsOutput
+from ces_observer.nodes.outputs import CommandOutput, DamperReport, DiagnosticsOutput
 from ces_observer.nodes.parameters import (
     ControllerSettings,
     LiveSettings,
@@ -84,7 +83,6 @@ class Controller(ManagedNode):
         self._diagnostics = DiagnosticsOutput(self)
         self._rolled = self._reported_s = monotonic()
         self._reported_reason = ""
-        self._jump_log = LineLimit(self.get_logger().warning)
         self._speed, self._unreadable = nan, ""
         self._is_configured = False
         self.refuse_parameters(self._check_parameters)
@@ -100,16 +98,15 @@ class Controller(ManagedNode):
         self._model = ControllerModel(self, settings, controller)
         self.made.callback(self._model.changes.close)
         self._health = ControllerHealth(self._loop, self._model.facts())
-        self._command, self._desired = CommandOutput(self), DesiredOutput(self)
-        self.made.callback(self._command.close)
-        self.made.callback(self._desired.close)
+        self._output = CommandOutput(self)
+        self.made.callback(self._output.close)
         self._subscribe(settings)
         self._is_configured = True
         self.made.callback(setattr, self, "_is_configured", False)
 
     def deactivate(self) -> None:
         """Send the safe current, which the valve then keeps."""
-        self._command.publish(self._loop.controller.tuning.safe_A)
+        self._output.publish(self._loop.controller.tuning.safe_A)
         self._loop.restart()
 
     def destroy_node(self) -> None:
@@ -144,10 +141,10 @@ class Controller(ManagedNode):
         loop = self._loop
         if not self.is_active:
             return
-        self._command.publish(loop.take_estimate(stamp_ns, self._speed, force_N, now_ns, monotonic()))
+        self._output.publish(loop.take_estimate(stamp_ns, self._speed, force_N, now_ns, monotonic()))
         self._health.latency.take(self._time.now() - stamp_ns)
-        if self._desired.has_listeners and loop.controller.reason == OK:
-            self._desired.publish(stamp_ns, frame, loop.controller.reachable_N)
+        if loop.controller.reason == OK:
+            self._output.publish_desired(stamp_ns, frame, loop.controller.reachable_N)
         self.guard.call(self._publish_change)
 
     def _on_measured(self, stamp_ns: int, force_N: float, frame: bytes, now_ns: int) -> None:
@@ -162,7 +159,7 @@ class Controller(ManagedNode):
         self._unreadable = error
 
     def _on_time_jump(self, what: str) -> None:
-        self._jump_log(f"{what}: the controller restarts")
+        self.get_logger().warning(f"{what}: the controller restarts", **RARELY)
         if self._is_configured:
             self._loop.controller.reset()
 
@@ -180,19 +177,17 @@ class Controller(ManagedNode):
             self._roll(elapsed)
 
     def _roll(self, elapsed_s: float) -> None:
-        self._jump_log.flush()
         self.guard.call(self._time.watch)
         if not self._is_configured:
             self._diagnostics.publish([DamperReport("controller", "", unconfigured_report("control"))])
             return
-        for step in (self._desired.check_listeners, partial(self._health.roll, elapsed_s)):
-            self.guard.call(step)
+        self.guard.call(partial(self._health.roll, elapsed_s))
         self._publish_status(details=True)
 
     def _watch_estimates(self, now: float) -> None:
         current_A = self._loop.watch(now, WATCH_S)
         if current_A is not None:
-            self._command.publish(current_A)
+            self._output.publish(current_A)
 
     def _poll_model(self) -> None:
         if self._model.changes.poll():

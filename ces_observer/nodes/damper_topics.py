@@ -45,12 +45,10 @@ class DamperTopics:
         self._node, self._clock, self._inputs = node, clock, inputs
         self._subscribed: list[Signal] = []
         self._on_change, self._on_first_force = node.guard.wrap(on_change), on_first_force
-        # What only describes the estimates is counted later, together and guarded apart: this takes less time, and an
-        # error in it must not withhold them.
-        self._samples: list[tuple[int, float, int]] = []
-        self._currents: list[tuple[int, int]] = []
-        self._latencies_ns: list[int] = []
-        self._note_force = node.guard.wrap(self._add_force)
+        # What only describes the estimates is guarded apart: an error in it must not withhold them.
+        guarded = node.guard.wrap
+        self._note_position, self._note_current = guarded(self._count_position), guarded(self._count_current)
+        self._note_force = guarded(self._count_force)
         self.health.stillness.warn_s = settings.values["still_warn_s"]
         self._intake = Intake(self.damper, self._publish)
         self._intake.set_wait(settings.values["wait_for_current_s"])
@@ -59,7 +57,7 @@ class DamperTopics:
         self._failures = self._failures_before = 0
         self._failing_since: float | None = None  # by the steady clock; None: the last sample has not failed
         name, topics = settings.name, settings.topics
-        self._now = EstimateOutput(node, name, f"{topics}estimate", f"{topics}estimate_band")
+        self._now = EstimateOutput(node, name, f"{topics}estimate")
         self._late: EstimateOutput | None = None
         node.made.callback(self._close)
         self._subscribe()
@@ -97,7 +95,6 @@ class DamperTopics:
     def watch(self, elapsed_s: float) -> None:
         """Release positions that have waited, and check for silence, `elapsed_s` after the last call."""
         self._intake.release(self._clock.now())
-        self._node.guard.call(self._take_notes)
         if self._failures == self._failures_before:
             self._failing_since = None
         self._failures_before = self._failures
@@ -124,7 +121,6 @@ class DamperTopics:
 
     def reset(self) -> None:
         """Restart after a time jump."""
-        self._node.guard.call(self._take_notes)
         self._intake.reset(self._clock.now())
         self._report_change()
 
@@ -167,7 +163,7 @@ class DamperTopics:
                 late.close()
         elif self._late is None:
             name, topics = self.settings.name, self.settings.topics
-            self._late = EstimateOutput(self._node, name, f"{topics}estimate_delayed", f"{topics}estimate_delayed_band")
+            self._late = EstimateOutput(self._node, name, f"{topics}estimate_delayed")
 
     def _make_cost(self) -> RunningCost:
         warn_J = live_value(self._node, self.settings.prefix, "cost_warn_J")
@@ -198,7 +194,7 @@ class DamperTopics:
 
     def _on_current(self, stamp_ns: int, current_A: float, frame: bytes, now_ns: int) -> None:
         del frame
-        self._currents.append((stamp_ns, now_ns))
+        self._note_current(stamp_ns, now_ns)
         self._intake.take_current(stamp_ns, current_A, now_ns)
 
     def _on_motion(self, name: str, stamp_ns: int, value: float, frame: bytes, now_ns: int) -> None:
@@ -206,7 +202,7 @@ class DamperTopics:
         self._intake.take_motion(name, stamp_ns, value, now_ns)
 
     def _on_position(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
-        self._samples.append((stamp_ns, position_m, now_ns))
+        self._note_position(stamp_ns, position_m, now_ns)
         self._intake.take_position(stamp_ns, position_m, frame, now_ns)
 
     def _on_measured_force(self, stamp_ns: int, force_N: float, frame: bytes, now_ns: int) -> None:
@@ -223,33 +219,26 @@ class DamperTopics:
         if force is not None and is_active:
             half_width = damper.half_width() if self._now.has_band_listeners else None
             self._now.publish(stamp_ns, frame, damper.position, damper.speed, force, half_width)
-            self._latencies_ns.append(self._clock.now() - stamp_ns)
             self._note_force(stamp_ns, force)
         if damper.late and is_active and self._late is not None:
             for one in damper.late:
                 self._late.publish(one.stamp_ns, frame, *one[1:])
-                self._latencies_ns.append(self._clock.now() - one.stamp_ns)
                 self._note_force(one.stamp_ns, one.force)
         if damper.reason != self._reported_reason:
             self._report_change()
         self._failing_since = None
 
-    def _add_force(self, stamp_ns: int, force_N: float) -> None:
+    def _count_position(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
+        self.health.position.take(stamp_ns, now_ns)
+        self.health.stillness.take(stamp_ns, position_m)
+
+    def _count_current(self, stamp_ns: int, now_ns: int) -> None:
+        self.health.current.take(stamp_ns, now_ns)
+
+    def _count_force(self, stamp_ns: int, force_N: float) -> None:
+        self.health.latency.take(self._clock.now() - stamp_ns)
         if self.health.cost is not None:
             self.health.cost.add_estimate(stamp_ns, force_N)
-
-    def _take_notes(self) -> None:
-        """Let health count what has arrived and was published since the last call."""
-        samples, currents, latencies_ns = self._samples, self._currents, self._latencies_ns
-        self._samples, self._currents, self._latencies_ns = [], [], []
-        health = self.health
-        for stamp_ns, position_m, now_ns in samples:
-            health.position.take(stamp_ns, now_ns)
-            health.stillness.take(stamp_ns, position_m)
-        for stamp_ns, now_ns in currents:
-            health.current.take(stamp_ns, now_ns)
-        for latency_ns in latencies_ns:
-            health.latency.take(latency_ns)
 
     def _report_change(self) -> None:
         if self.damper.reason != self._reported_reason:

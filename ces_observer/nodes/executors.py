@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 
 import rclpy
-from rclpy.clock import ClockChange, JumpThreshold, TimeJump
+from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
@@ -23,6 +23,8 @@ from ces_observer.nodes.rclpy_gaps import EventsExecutor, freeze_objects
 BACKWARD = Duration(nanoseconds=-1_000_000)
 # The steps of /clock in a fast replay are no jumps. The samples' stamps show shorter jumps.
 FORWARD = Duration(seconds=5)
+# Arguments of a logger's method for lines on jumps: each is in the diagnostics.
+RARELY = {"throttle_duration_sec": 5.0, "throttle_time_source_type": Clock(clock_type=ClockType.STEADY_TIME)}
 CHANGES = {
     ClockChange.ROS_TIME_ACTIVATED: "simulated time was switched on",
     ClockChange.ROS_TIME_DEACTIVATED: "simulated time was switched off",

@@ -15,12 +15,11 @@ from rclpy.parameter import Parameter
 
 from ces_observer.estimator import Estimator
 from ces_observer.health.diagnostics import NodeFacts, unconfigured_report
-from ces_observer.health.episodes import LineLimit
 from ces_observer.health.process import ProcessWatch
 from ces_observer.limits import NodeLimits
 from ces_observer.nodes import executors
 from ces_observer.nodes.damper_topics import DamperTopics
-from ces_observer.nodes.executors import NodeClock
+from ces_observer.nodes.executors import RARELY, NodeClock
 from ces_observer.nodes.inputs import InputSubscriptions
 from ces_observer.nodes.managed_node import ManagedNode
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
@@ -53,7 +52,6 @@ class Observer(ManagedNode):
         self._process = ProcessWatch()
         self._watched = self._rolled = self._reported_s = monotonic()
         self._pending = False
-        self._jump_log = LineLimit(self.get_logger().warning)
         self.refuse_parameters(check_live_values)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_steady_timer(WATCH_S, self._watch)
@@ -110,7 +108,6 @@ class Observer(ManagedNode):
             elapsed, self._rolled = now - self._rolled, now
             self.guard.call(partial(self._roll, elapsed))
             self._publish_status(details=True)
-            self._jump_log.flush()
         elif self._pending:
             self._publish_status()
 
@@ -163,7 +160,7 @@ class Observer(ManagedNode):
         topics.health.snapshots = self._snapshots
 
     def _on_time_jump(self, what: str) -> None:
-        self._jump_log(f"{what}: the estimates restart")
+        self.get_logger().warning(f"{what}: the estimates restart", **RARELY)
         if self._dampers:
             self._inputs.reset()
         for topics, _ in self._dampers:

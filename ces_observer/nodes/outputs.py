@@ -1,10 +1,8 @@
-"""What the nodes publish: estimates, bands and commands as bytes, desired forces, statuses as a DiagnosticArray."""
+"""What the nodes publish: estimates, bands, commands and desired forces, statuses as a DiagnosticArray."""
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
-from struct import Struct
 from time import monotonic
 from typing import Any, NamedTuple
 
@@ -14,19 +12,14 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from ces_observer.cdr.signal import FIELDS, LITTLE_CDR, RawJointState
 from ces_observer.health.diagnostics import LEVEL_OK, LEVEL_WARN, Report, Status
 from ces_observer.health.episodes import ReasonLog
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers get the newest
 OUTPUT_DEPTH = 1000  # estimates of a burst after a stall that wait for a slow reader
-PROBE_STAMP_NS = 1_234_567_890_987_654_321
-PROBE_FRAME = b"piston_rod"
-PROBE = (0.0123, -0.456, 789.1)  # numbers that differ from each other
 CHECK_NS = 100_000_000  # of stamps, between two looks for subscribers
 
 
@@ -42,103 +35,70 @@ def set_header(header: Any, stamp_ns: int, frame: bytes) -> None:
     header.frame_id = frame.decode("utf-8", "replace")
 
 
-class JointStateOutput:
-    """Publisher of states of the joints `names` on `topic`; only the sequences in `fields` have numbers.
-
-    The bytes are those of RawJointState; rclpy serialises the message if it gives others.
-    """
-
-    def __init__(self, node: Node, topic: str, names: Sequence[str], fields: Sequence[str] = FIELDS) -> None:
-        self.publisher = create_publisher(node, JointState, topic, OUTPUT_DEPTH)
-        self._message = JointState(name=list(names))
-        self._fields = fields
-        raw, numbers = RawJointState(names, fields), PROBE[: len(fields) * len(names)]
-        written, expected = (fill(PROBE_STAMP_NS, PROBE_FRAME, *numbers) for fill in (raw.fill, self._fill_slowly))
-        self.fill = raw.fill if written == expected else self._fill_slowly
-
-    def publish(self, stamp_ns: int, frame: bytes, *numbers: float) -> None:
-        """Publish the numbers, one sequence after the other, with this stamp [ns] and frame id (UTF-8)."""
-        self.publisher.publish(self.fill(stamp_ns, frame, *numbers))
-
-    def _fill_slowly(self, stamp_ns: int, frame: bytes, *numbers: float) -> bytes:
-        set_header(self._message.header, stamp_ns, frame)
-        count = len(self._message.name)
-        for k, field in enumerate(self._fields):
-            setattr(self._message, field, array("d", numbers[k * count : (k + 1) * count]))
-        return bytes(serialize_message(self._message))
-
-
 class EstimateOutput:
-    """Publishers of a joint's estimates on `topic`, and of the bounds of their bands on `band_topic`.
+    """Publishers of a joint's estimates on `topic`, and of the bounds of their bands on `topic`_band.
 
     `has_band_listeners` says whether bands are heard, which is checked every CHECK_NS; others are not published.
     """
 
-    def __init__(self, node: Node, joint: str, topic: str, band_topic: str) -> None:
+    def __init__(self, node: Node, joint: str, topic: str) -> None:
         self._node = node
-        self._estimates = JointStateOutput(node, topic, [joint])
-        self._bands = JointStateOutput(node, band_topic, [f"{joint}_lower", f"{joint}_upper"], ["effort"])
-        self._fill, self._send = self._estimates.fill, self._estimates.publisher.publish
+        self._estimates, self._bands = (
+            create_publisher(node, JointState, name, OUTPUT_DEPTH) for name in (topic, f"{topic}_band")
+        )
+        self._estimate = JointState(name=[joint], position=[0.0], velocity=[0.0], effort=[0.0])
+        self._band = JointState(name=[f"{joint}_lower", f"{joint}_upper"], effort=[0.0, 0.0])
         self.has_band_listeners, self._checked_ns = True, 0
 
     def publish(
         self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float, half_width: float | None
     ) -> None:
         """Publish an estimate [m, m/s, N], and its band if the half-width [N] is known."""
-        self._send(self._fill(stamp_ns, frame, position, speed, force))
+        message = self._estimate
+        set_header(message.header, stamp_ns, frame)
+        message.position[0], message.velocity[0], message.effort[0] = position, speed, force
+        self._estimates.publish(message)
         if not 0 <= stamp_ns - self._checked_ns < CHECK_NS:
-            self.has_band_listeners, self._checked_ns = self._bands.publisher.get_subscription_count() > 0, stamp_ns
+            self.has_band_listeners, self._checked_ns = self._bands.get_subscription_count() > 0, stamp_ns
         if half_width is not None and self.has_band_listeners:
-            self._bands.publish(stamp_ns, frame, force - half_width, force + half_width)
+            self._band.header = message.header
+            self._band.effort[0], self._band.effort[1] = force - half_width, force + half_width
+            self._bands.publish(self._band)
 
     def close(self) -> None:
         """Withdraw both topics."""
-        for output in (self._estimates, self._bands):
-            self._node.destroy_publisher(output.publisher)
+        for publisher in (self._estimates, self._bands):
+            self._node.destroy_publisher(publisher)
 
 
 class CommandOutput:
-    """Publisher of currents on `valve_command`, written as bytes; only the newest counts, so the queue holds one."""
+    """Publisher of currents on `valve_command`; only the newest counts, so the queue holds one.
+
+    It publishes the reachable desired force, too, on `~/desired_force`, which costs nothing without subscribers.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._publisher = create_publisher(node, Float64, "valve_command", 1)
-        self._pack = Struct("<4sd").pack
-        self._own_bytes = self._pack(LITTLE_CDR, PROBE[0]) == serialize_message(Float64(data=PROBE[0]))
-        if not self._own_bytes:
-            node.get_logger().info("this ROS serialises messages in another way: rclpy serialises the commands")
+        self._commands = create_publisher(node, Float64, "valve_command", 1)
+        self._desired = create_publisher(node, WrenchStamped, "~/desired_force", 10)
+        self._command, self._wrench = Float64(), WrenchStamped()
 
     def close(self) -> None:
-        """Withdraw the topic."""
-        self._node.destroy_publisher(self._publisher)
+        """Withdraw both topics."""
+        for publisher in (self._commands, self._desired):
+            self._node.destroy_publisher(publisher)
 
     def publish(self, current_A: float) -> None:
         """Publish a current [A]."""
-        self._publisher.publish(self._pack(LITTLE_CDR, current_A) if self._own_bytes else Float64(data=current_A))
+        self._command.data = current_A
+        self._commands.publish(self._command)
 
-
-class DesiredOutput:
-    """Publisher of the reachable desired force on `~/desired_force`; costs nothing without subscribers."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._publisher = create_publisher(node, WrenchStamped, "~/desired_force", 10)
-        self._message = WrenchStamped()
-        self.has_listeners = False
-
-    def close(self) -> None:
-        """Withdraw the topic."""
-        self._node.destroy_publisher(self._publisher)
-
-    def check_listeners(self) -> None:
-        """Update `has_listeners`."""
-        self.has_listeners = self._publisher.get_subscription_count() > 0
-
-    def publish(self, stamp_ns: int, frame: bytes, force_N: float) -> None:
+    def publish_desired(self, stamp_ns: int, frame: bytes, force_N: float) -> None:
         """Publish the force [N] with the estimate's stamp and frame."""
-        set_header(self._message.header, stamp_ns, frame)
-        self._message.wrench.force.z = force_N
-        self._publisher.publish(self._message)
+        if self._desired.get_subscription_count() > 0:
+            set_header(self._wrench.header, stamp_ns, frame)
+            self._wrench.wrench.force.z = force_N
+            self._desired.publish(self._wrench)
 
 
 class DamperReport(NamedTuple):

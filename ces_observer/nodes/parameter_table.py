@@ -103,8 +103,7 @@ OF_THE_NODE = (
            "messages that wait in the queue of each input while the node stalls; at least the highest rate times the "
            "longest stall. Full queues lose the oldest", 1, 100_000),
     Option("snapshot_service", "/rosbag2_recorder/snapshot",
-           "service of a `ros2 bag record --snapshot-mode` that is called after a drift of the model, or when "
-           "~/snapshot is called; empty: none"),
+           "service of a `ros2 bag record --snapshot-mode` that is called after a drift of the model; empty: none"),
     Option("snapshot_after_s", 5.0, "time from a drift to its snapshot [s]", 0.0, 300.0),
 )
 OF_A_DAMPER = (

@@ -1,4 +1,4 @@
-"""Asks a running `ros2 bag record --snapshot-mode` to write its last seconds: when a model has drifted, or on request.
+"""Asks a running `ros2 bag record --snapshot-mode` to write its last seconds when a model has drifted.
 
 It never waits: the node looks now and then whether the recorder is there, and whether it has answered.
 """
@@ -9,7 +9,6 @@ from time import monotonic
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.service import Service
 
 from ces_observer.limits import NodeLimits
 from ces_observer.nodes.guarded_node import GuardedNode
@@ -29,12 +28,7 @@ class Snapshots:
         self._asked_s = -NodeLimits.SNAPSHOT_PAUSE_S
         self._client: Any = None  # of a call in progress
         self._answer: Any = None
-        self._service: Service | None = None
         self.state = "none taken" if name else "off"
-        if name:
-            from std_srvs.srv import Trigger
-
-            self._service = node.create_service(Trigger, "~/snapshot", self._on_request)
 
     def note_drift(self, drift: str) -> bool:
         """Plan a snapshot that has the seconds after a drift in it, too; return whether there will be one."""
@@ -54,10 +48,8 @@ class Snapshots:
             self._take(now)
 
     def close(self) -> None:
-        """End a call in progress, and withdraw the service."""
+        """End a call in progress."""
         self._end_call(self.state)
-        if self._service is not None:
-            self._node.destroy_service(self._service)
 
     def _look_after(self, waited_s: float) -> None:
         """Send the request when the recorder is there, and end the call when it is over."""
@@ -75,13 +67,6 @@ class Snapshots:
             self._node.destroy_client(self._client)
             self._node.get_logger().info(f"snapshot {state}")
         self._client, self._answer, self.state = None, None, state
-
-    def _on_request(self, request: Any, response: Any) -> Any:
-        """Take a snapshot now; the diagnostics say how it went."""
-        if self._client is None:
-            self._take(monotonic())
-        response.success, response.message = True, f"{self._name} is being asked; the diagnostics have its answer"
-        return response
 
     def _take(self, now_s: float) -> None:
         self._due_s, self._asked_s, self.state = None, now_s, "being taken"

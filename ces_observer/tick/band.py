@@ -1,4 +1,4 @@
-"""The half-width of a model's band, tick by tick; `ces_observer.band` says what it means and how it is fitted.
+"""The half-width of a model's band, tick by tick; `ces_observer.model` says what it means and how it is fitted.
 
     half-width = growth * sum of weights * (low, high current, slow, fast, |force|, |change of force|, reversal)
     growth^2 = share + (1 - share) * min(|whitening (state - mean)|, max_distance)^2

@@ -20,7 +20,6 @@ PARAMETERS = {
     "position_topic": ("position.topic", str, "topic of the piston position"),
     "current_topic": ("current.topic", str, "topic of the valve current"),
     "autostart": ("autostart", bool, "configure and activate the node; false: a lifecycle manager does"),
-    "executor": ("executor", str, "of the program: auto, events or single"),
     "use_sim_time": ("use_sim_time", bool, "take time from /clock"),
 }
 OTHERS = {

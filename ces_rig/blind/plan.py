@@ -23,7 +23,7 @@ from scipy.signal import butter, sosfiltfilt
 from ces_data.arrays import F
 from ces_data.waveforms.currents import Binary, ConstantLevel, FilteredNoise, Prbs, StrokeFollowing
 from ces_data.waveforms.strokes import Current, FrequencyModulated, NoiseStroke, RoadStroke, Shape, fade
-from ces_rig.dampers.model import DamperModel, WithheldEffect
+from ces_rig.dampers.model import RigDamper, WithheldEffect
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S, Sensors, Truth
 from ces_rig.withheld import plants
@@ -127,7 +127,7 @@ class BlindCase:
     gap_to_noise: float
     baseline_ratio: float
     excitation: str
-    plants: Mapping[str, DamperModel]
+    plants: Mapping[str, RigDamper]
     number: int = 0
     seed: int = 0
 
@@ -138,7 +138,7 @@ class Levels:
 
     effects: tuple[str, ...]
     outside: tuple[str, ...]
-    plants: Mapping[str, DamperModel]
+    plants: Mapping[str, RigDamper]
     kinds: tuple[str, ...] = KINDS
     gaps: tuple[float, ...] = GAPS
     errors: tuple[float, ...] = ERRORS
@@ -242,9 +242,9 @@ class DrawnCase:
 
     case: BlindCase
     plant_name: str
-    plant: DamperModel
+    plant: RigDamper
     withheld: tuple[WithheldEffect, ...]
-    simulated: DamperModel
+    simulated: RigDamper
     recordings: Mapping[str, IdealRecording]
     seeds: Mapping[str, int]
 
@@ -292,13 +292,13 @@ def _try_draw(case: BlindCase, seconds: float, attempt: int) -> DrawnCase:
 class EffectFreeRecording:
     """A recording of the plant without effects: the true signals, and the force [N] (n,) expected from them."""
 
-    plant: DamperModel
+    plant: RigDamper
     commands: Commands
     true: Truth
     force_N: F
 
     @classmethod
-    def from_commands(cls, plant: DamperModel, commands: Commands) -> EffectFreeRecording:
+    def from_commands(cls, plant: RigDamper, commands: Commands) -> EffectFreeRecording:
         """Run the plant."""
         true = plants.simulate_signals(plant, (), commands.time_s, commands.stroke_m, commands.command_A)
         return cls(plant, commands, true, plants.simulate_expected(plant, true))
@@ -315,7 +315,7 @@ def sense_with_effects(free: EffectFreeRecording, effects: Sequence[WithheldEffe
 
 
 def _size_effects(
-    plant: DamperModel, shapes: Sequence[WithheldEffect], target_N: float, free: Mapping[str, EffectFreeRecording]
+    plant: RigDamper, shapes: Sequence[WithheldEffect], target_N: float, free: Mapping[str, EffectFreeRecording]
 ) -> tuple[tuple[WithheldEffect, ...], dict[str, IdealRecording]]:
     """Return the effects scaled to a common gap of `target_N` (RMS over all recordings), and the recordings with them.
 

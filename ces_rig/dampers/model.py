@@ -111,7 +111,7 @@ def replace_numbers(whole: T, numbers: Mapping[str, Any], where: str = "plant") 
     return read_record(type(whole), nested, where, RigError, whole)
 
 
-class DamperModel(ABC):
+class RigDamper(ABC):
     """A damper whose numbers can be changed by path: as a plant, a simulation or on a live rig."""
 
     kind: ClassVar[str]
@@ -164,7 +164,7 @@ class DamperModel(ABC):
 
 
 @dataclass(frozen=True)
-class LumpedDamper(DamperModel):
+class LumpedDamper(RigDamper):
     """Base of the kinds with a flat description: what all have; raises RigError if a number is out of range."""
 
     gas_m3: float
@@ -219,7 +219,7 @@ class DamperKind:
     file that it calls.
     """
 
-    design: DamperModel
+    design: RigDamper
     varied: Mapping[str, float]
     wrong: Mapping[tuple[str, ...], float]
     spreads: Mapping[str, Proportions]

@@ -33,8 +33,7 @@ from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, cost_interval, evaluate, pooled_cost
 from ces_observer.model import Model, Sampling
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Term
+from ces_observer.structures.polynomial import Polynomial, Term
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import INTERVAL_S, NEED, RigCommands, read_commands
 from ces_rig.experiments.designer import (

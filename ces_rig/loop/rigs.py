@@ -32,13 +32,13 @@ from ces_observer.json_text import write_atomically
 from ces_observer.records import OneOf, choice, declare, in_files, part, quantity, read_record
 from ces_observer.signals import Signals
 from ces_observer.structures import STRUCTURES
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
-from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper
+from ces_rig.dampers.model import RigDamper
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import NEED, RigCommands, RigLimits
 from ces_rig.experiments.virtual import load_description
-from ces_rig.limits import ExperimentLimits, LiveLimits
+from ces_rig.limits import DesignLimits, LiveLimits
 from ces_rig.sensors import GRID_S, Sensors, Truth, measure_signals
 
 SHOWN = "ces iterate --template shows it"
@@ -145,7 +145,7 @@ class RigAdapter(Protocol):
 class VirtualRig:
     """A simulated damper with sensors; every run begins at rest, cold, at the experiment's first stroke."""
 
-    model: DamperModel = field(default_factory=lambda: Hydraulic(Damper()))
+    model: RigDamper = field(default_factory=lambda: HydraulicDamper(Damper()))
     sensors: Sensors = field(default_factory=Sensors)
 
     def run(self, commands: RigCommands, folder: Path) -> Recording:
@@ -205,7 +205,7 @@ class FolderRig:
         require_usable(recording)
         stamps = recording.channel("position").stamps_ns
         length = float(stamps.max() - stamps.min()) * 1e-9
-        if length < ExperimentLimits.MIN_LOG_SHARE * commands.duration_s:
+        if length < DesignLimits.MIN_LOG_SHARE * commands.duration_s:
             raise RigError(f"{path}: {length:.1f} s long; expected the whole of {commands.duration_s:.1f} s")
         return recording
 

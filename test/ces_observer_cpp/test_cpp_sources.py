@@ -43,7 +43,6 @@ def test_each_option_is_declared_with_type_default_and_meaning() -> None:
         assert kinds[declared["type"].removesuffix("_array")] is option.kind
         assert declared["type"].endswith("_array") == option.many
         assert declared.get("default_value") == option.default
-        assert declared["read_only"] == (option.name == "executor")
         assert declared["description"] == option.described.replace('"', "'")
 
 
@@ -58,7 +57,6 @@ def test_it_has_the_parameters_of_the_python_node_but_a_few() -> None:
     [
         (Option("age", 0.5, "", 0, 3600), {"ces::within<>": [0.0, 3600.0]}),
         (Option("depth", 5, "", 1, 100), {"ces::within<>": [1, 100]}),
-        (Option("what", "a", "", choices=("a", "b")), {"ces::one_of<>": [["a", "b"]]}),
         (Option("name", "a", ""), None),
         (Option("numbers", [1, 2], ""), None),
     ],
@@ -66,9 +64,7 @@ def test_it_has_the_parameters_of_the_python_node_but_a_few() -> None:
 def test_ranges_are_checked_by_validators_with_arguments_of_the_type(option: Option, validation: object) -> None:
     declared = declaration(option)
     assert repr(declared.get("validation")) == repr(validation)
-    assert declared.get("additional_constraints", "") == (
-        option.expected if option.name in ("age", "depth", "what") else ""
-    )
+    assert declared.get("additional_constraints", "") == (option.expected if option.name in ("age", "depth") else "")
 
 
 def test_a_text_is_a_literal_in_cpp() -> None:

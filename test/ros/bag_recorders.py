@@ -20,7 +20,6 @@ from party import Party
 from patience import PATIENCE_S
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState, Temperature
-from std_srvs.srv import Trigger
 from vehicle import DEEP, JOINT, Vehicle, stamp_of, stroke, wait
 
 from ces_data.bags.reader import read_recording
@@ -125,7 +124,7 @@ class Recorder:
 
 
 class SnapshotRecorder(Recorder):
-    """A recorder in snapshot mode of a vehicle and its node `observer`, Python or C++; `service` has it write."""
+    """A recorder in snapshot mode of a vehicle and its node `observer`; `service` has it write."""
 
     def __init__(self, vehicle: Vehicle, path: Path) -> None:
         name = f"recorder_{vehicle.namespace.strip('/').replace('/', '_')}"
@@ -137,15 +136,6 @@ class SnapshotRecorder(Recorder):
     def meets(self, vehicle: Vehicle) -> None:
         """Wait until it hears the positions, beside the node."""
         wait(lambda: vehicle.position.get_subscription_count() > 1, "the recorder hears the positions")
-
-    def asks(self, vehicle: Vehicle) -> int:
-        """Call the node's `~/snapshot`; return when [ns]."""
-        client = vehicle.node.create_client(Trigger, "observer/snapshot")
-        assert client.wait_for_service(PATIENCE_S)
-        asked_ns, answer = time.time_ns(), client.call_async(Trigger.Request())
-        wait(answer.done, "the answer of ~/snapshot")
-        assert answer.result().success, answer.result().message
-        return asked_ns
 
     def has_estimates_around(self, asked_ns: int, vehicle: Vehicle) -> None:
         """End it, and see that its bag has the estimates that the vehicle heard, from before and after the request."""

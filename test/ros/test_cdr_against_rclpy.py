@@ -1,4 +1,4 @@
-"""Raw reading and writing against what rclpy serialises with the middleware that is installed."""
+"""Raw reading against what rclpy serialises with the middleware that is installed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from std_msgs.msg import MultiArrayLayout as ArrayLayout
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ces_observer.cdr.layout import CdrUnsupportedError
-from ces_observer.cdr.signal import RawJointState, RawSignal
+from ces_observer.cdr.signal import RawSignal
 from ces_observer.errors import SignalsError
 from ces_observer.nodes.inputs import fields_of, header_stamp_ns, is_stamped
 from ces_observer.signals import FieldPath, Signal
@@ -126,21 +126,3 @@ def test_truncated_message_is_told():
     for length in range(raw.index(b"rear")):
         with pytest.raises(SignalsError, match="malformed message"):
             asked.read(raw[:length])
-
-
-@pytest.mark.parametrize("frame_id", ["", "a", "base_link", "mässig", "x" * 300])
-@pytest.mark.parametrize("name", ["rear_damper", "r", "dämpfer"])
-def test_estimate_is_the_message_that_rclpy_would_serialise(name, frame_id):
-    writer = RawJointState([name])
-    message = joints(name, frame_id=frame_id, position=[0.25], velocity=[-1.5], effort=[float("1e308")])
-    raw = writer.fill(STAMP_NS, frame_id.encode(), 0.25, -1.5, 1e308)
-    assert deserialize_message(raw, JointState) == message
-    assert raw == serialize_message(message)
-
-
-@pytest.mark.parametrize("frame_id", ["", "base_link", "mässig"])
-@pytest.mark.parametrize("name", ["rear_damper", "r", "dämpfer"])
-def test_band_is_the_message_that_rclpy_would_serialise(name, frame_id):
-    message = joints(f"{name}_lower", f"{name}_upper", frame_id=frame_id, effort=[-1.5, 2.5])
-    writer = RawJointState(message.name, ["effort"])
-    assert writer.fill(STAMP_NS, frame_id.encode(), -1.5, 2.5) == serialize_message(message)

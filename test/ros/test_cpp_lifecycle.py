@@ -1,9 +1,7 @@
-"""The C++ observer as a managed node, and what it asks of a recorder."""
+"""The C++ observer as a managed node."""
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -13,20 +11,16 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-from bag_recorders import NEEDS_ROSBAG2, Recorder
 from cpp_core import save_flat
 from cpp_package import CppPackage, missing_tool
 from damper_models import plain_damper
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from node_process import NodeProcess, ros_args
+from node_process import NodeProcess
 from patience import PATIENCE_S
-from rclpy.client import Client
 from rclpy.qos import QoSReliabilityPolicy
-from rclpy.task import Future
 from sensor_msgs.msg import Temperature
-from std_srvs.srv import Trigger
 from vehicle import PROMISES, STAMPED_CURRENT, Vehicle, reliable_inputs, wait
 
 pytestmark = pytest.mark.skipif(bool(missing_tool()), reason=f"{missing_tool()} is missing")
@@ -47,21 +41,7 @@ int rcl_clock_get_now(int * clock, long * now)
 """  # while the file FAILS is there, rclcpp cannot read ROS time (clock 1), and each sample fails
 
 
-DEAF = """
-#define _GNU_SOURCE
-#include <dlfcn.h>
-#include <string.h>
-extern const char * rcl_subscription_get_topic_name(void * subscription);
-int rcl_subscription_set_on_new_message_callback(void * subscription, void * callback, void * data)
-{
-  static int count;
-  if (callback && strstr(rcl_subscription_get_topic_name(subscription), "/joint_states") && count++ < 2) {return 0;}
-  return ((int (*)(void *, void *, void *))dlsym(RTLD_NEXT, "rcl_subscription_set_on_new_message_callback"))(
-    subscription, callback, data);
-}
-"""  # rclcpp sets it twice: the executor is not woken for the first subscription to the position
 LONG_S = 10.0  # for which a model bridges lost samples
-ROUNDS = int(os.environ.get("CES_ROUNDS", "5"))  # of cleanup and configure
 
 
 def compile_preload(source: str, where: Path, *words: str) -> dict[str, str]:
@@ -129,45 +109,6 @@ def test_a_manager_keeps_a_bond(vehicle: Vehicle, start_cpp: Callable[..., NodeP
     vehicle.keeps_bond("observer", lambda: change(vehicle, "activate"), lambda: change(vehicle, "deactivate"))
 
 
-def test_it_hears_again_after_each_cleanup(
-    vehicle: Vehicle, namespace: str, package: CppPackage, flat_path: Path
-) -> None:
-    """Its executor must not take new subscriptions for old ones that had the same address."""
-    given = {"model": flat_path, "autostart": False, "executor": "events"}
-    words = [str(package.program), *ros_args(namespace, given), "-r", "__node:=observer", "--log-level", "error"]
-    node = NodeProcess(words, package.environment)  # nobody reads its log, so that it must be short
-    client = vehicle.node.create_client(ChangeState, "observer/change_state")
-    try:
-        assert client.wait_for_service(PATIENCE_S)
-        with vehicle.driving():
-            for number in range(ROUNDS):
-                for transition in ("configure", "activate"):
-                    wait(ask(client, transition).done, f"{transition} of round {number}")
-                heard = len(vehicle.estimates)
-                wait(lambda since=heard: len(vehicle.estimates) > since, f"estimates in round {number}")
-                for transition in ("deactivate", "cleanup"):
-                    wait(ask(client, transition).done, f"{transition} of round {number}")
-        told = len(vehicle.statuses)
-        wait(lambda: newest(vehicle, "unexpected errors", told) == "0, the last: none", "no error")
-    finally:
-        node.kill()
-
-
-def ask(client: Client, transition: str) -> Future:
-    """Return the answer to come to a request for a transition."""
-    return client.call_async(ChangeState.Request(transition=Transition(label=transition)))
-
-
-def test_an_input_that_its_executor_does_not_read_is_subscribed_to_anew(
-    vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path
-) -> None:
-    start_cpp(compile_preload(DEAF, tmp_path), executor="events")
-    with vehicle.driving():
-        wait(lambda: bool(vehicle.estimates), "estimates")
-    last = f"{vehicle.namespace}/joint_states: the executor does not read the messages that wait; subscribed anew"
-    vehicle.hears_value("unexpected errors", f"1, the last: {last}")
-
-
 def test_an_input_has_the_quality_that_was_asked_for_and_two_publishers_are_named(
     vehicle: Vehicle, package: CppPackage, flat_path: Path
 ) -> None:
@@ -223,26 +164,3 @@ def test_a_transition_that_fails_says_why(vehicle: Vehicle, start_cpp: Callable[
     vehicle.hears(UNCONFIGURED, DiagnosticStatus.WARN, len(vehicle.statuses))
     node.interrupt()
     assert node.ended()[1].count("[ERROR]") == 1
-
-
-@NEEDS_ROSBAG2
-def test_a_recorder_writes_a_snapshot_on_request(
-    vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path
-) -> None:
-    name = f"recorder_{vehicle.namespace.strip('/').replace('/', '_')}"
-    topic = f"{vehicle.namespace}/joint_states"
-    recorder = Recorder(tmp_path / "bag", [topic], ("--snapshot-mode", "--node-name", name, "--storage", "mcap"))
-    try:
-        start_cpp(snapshot_service=f"/{name}/snapshot")
-        vehicle.meets_node()
-        wait(lambda: vehicle.position.get_subscription_count() > 1, "the recorder hears the positions")
-        client = vehicle.node.create_client(Trigger, "observer/snapshot")
-        assert client.wait_for_service(PATIENCE_S)
-        with vehicle.driving():
-            vehicle.hears_value("snapshot", "none taken")
-            client.call_async(Trigger.Request())
-            vehicle.hears_value("snapshot", "taken: the recorder has written its last seconds")
-        recorder.ends(signal.SIGINT)
-    finally:
-        recorder.kill()
-    assert list((tmp_path / "bag").glob("*.mcap"))

@@ -35,6 +35,7 @@ MISTAKES: dict[str, dict[str, object]] = {
     "'model' is 'model.json'; expected the absolute path": {"model": "model.json"},
     "'model' is '~nobody_here/model.json'; expected the absolute path": {"model": "~nobody_here/model.json"},
     **{words: {name: text} for words, (name, _, text) in AT_START.items()},
+    "parameter 'executor' is 'many'; expected one of auto, events, single": {"executor": "many"},
     "'no topic' is not a topic name": {"position.topic": "no topic"},
     wrong_type("dampers", "string_array", "string"): {"dampers": "front"},
     "'dampers' has 'front damper'; expected letters": {"dampers": "['front damper']"},

@@ -10,7 +10,7 @@ import numpy as np
 from ces_data.arrays import F
 from ces_identify.simulations.simulate import SampleRun
 from ces_identify.validation.band import band_half_width
-from ces_observer.band import Band
+from ces_observer.model import Band
 
 BAND = Band(
     level=0.9,

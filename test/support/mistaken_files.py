@@ -17,8 +17,7 @@ from small_recordings import columns_as_channels, make_columns, write_channels, 
 
 from ces_data.bags.writer import TopicData, write_bag
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 from ces_rig.loop.rigs import TEMPLATE
 
 RATE = 250.0

@@ -58,7 +58,6 @@ CASES: tuple[tuple[str, str, object, str], ...] = (
         "x" * 10_001,
         "parameter 'max_age_s' has 10001 characters or elements; expected at most 10000",
     ),
-    ("executor", "string", "single", cannot("executor", "is read-only")),
     *(
         (name, kind, value, f"parameter '{name}' cannot be set because {IN_USE}")
         for name, kind, value in (
@@ -83,6 +82,5 @@ AT_START: dict[str, tuple[str, str, str]] = {
     age("-1.0"): ("max_age_s", "double", "-1.0"),
     age("nan"): ("max_age_s", "double", ".nan"),
     "parameter 'input_depth' is 0; expected a whole number from 1 to 100000": ("input_depth", "integer", "0"),
-    "parameter 'executor' is 'many'; expected one of auto, events, single": ("executor", "string", "many"),
     "parameter 'position.delay' is 2.0; expected a number from -1 to 1": ("position.delay", "double", "2.0"),
 }

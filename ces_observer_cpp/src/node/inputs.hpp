@@ -116,24 +116,6 @@ public:
     for (const auto & topic : topics_) {topic->arrivals = ArrivalClock();}
   }
 
-  // Subscribe anew where messages have waited for UNREAD and none was read: an EventsExecutor is not woken for a
-  // subscription at the address of one that it has not yet seen go (ros2/rclcpp issue 2180).
-  void watch() {
-    const auto now = read_clock(CLOCK_MONOTONIC);
-    for (const auto & topic : topics_) {
-      const bool is_quiet = topic->heard == std::exchange(topic->watched, topic->heard);
-      if (!is_quiet || topic->subscription->get_publisher_count() == 0 || !has_waiting(topic->subscription)) {
-        topic->unread_since = 0;
-        continue;
-      }
-      if (topic->unread_since == 0) {topic->unread_since = now;}
-      if (now - topic->unread_since < UNREAD) {continue;}
-      topic->unread_since = 0;
-      create_subscription(topic);
-      on_failure_(topic->name + ": the executor does not read the messages that wait; subscribed anew");
-    }
-  }
-
   // A sentence on publishers whose type is not that of their topic's signal, or that are too many; empty without any.
   // Several may publish the same topic where the field names a joint.
   std::string find_mismatch() const {
@@ -175,8 +157,6 @@ public:
   }
 
 private:
-  static constexpr Nanoseconds UNREAD = 2 * SECOND;  // far above what a busy computer needs to come to a message
-
   struct Reader {
     FieldReader field;
     Nanoseconds delay;
@@ -196,19 +176,10 @@ private:
     std::vector<Reader> readers{};
     rclcpp::SubscriptionBase::SharedPtr subscription = nullptr;
     std::string error = "";
-    std::uint64_t heard = 0, watched = 0;  // messages so far, and at the last call of `watch`
-    Nanoseconds unread_since = 0;  // by the steady clock; 0: no messages wait
   };
-
-  // Whether the middleware has messages that wait; none is taken.
-  static bool has_waiting(const rclcpp::SubscriptionBase::SharedPtr & subscription) {
-    rclcpp::WaitSet waits({{subscription, rclcpp::SubscriptionWaitSetMask{true, false, false}}});
-    return waits.wait(std::chrono::nanoseconds(0)).kind() == rclcpp::WaitResultKind::Ready;
-  }
 
   // Read a message; the callback of a subscription.
   void take(Topic & topic, const void * message, const rmw_message_info_t & info) {
-    ++topic.heard;
     try {
       const auto now = clock_.now();
       const auto number = info.publication_sequence_number;
@@ -297,7 +268,6 @@ private:
         try {
           serialization.deserialize_message(bytes.get(), message.get());
         } catch (const std::exception & error) {
-          ++open->heard;
           on_failure_(error.what());
           return;
         }

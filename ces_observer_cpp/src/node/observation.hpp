@@ -9,7 +9,6 @@
 #include "health/health.hpp"
 #include "node/inputs.hpp"
 #include "node/model_changes.hpp"
-#include "node/snapshot.hpp"
 
 namespace ces {
 
@@ -73,8 +72,7 @@ public:
     position_(*read_signal(node, "position")), current_(*read_signal(node, "current")),
     motions_{std::nullopt, read_signal(node, MOTIONS[SPEED]), read_signal(node, MOTIONS[ACCELERATION])},
     damper(load_model(node), SignalHold(current_.constant), make_holds()),
-    health(damper), snapshot(node, node.get_parameter("snapshot_service").as_string()),
-    changes(node, damper, [this] {offer_late();}),
+    health(damper), changes(node, damper, [this] {offer_late();}),
     intake_(damper, [this](auto stamp, const auto & frame, auto force_N) {on_estimate(stamp, frame, force_N);}),
     now_(node, joint, "~/estimate"),
     inputs_(
@@ -100,8 +98,6 @@ public:
   // Do what is due `elapsed` after the last call.
   void watch(Nanoseconds elapsed) {
     intake_.release(clock_.now());
-    inputs_.watch();
-    snapshot.watch();
     changes.watch();
     quiet_ = damper.tally().samples == watched_samples_ ? quiet_ + elapsed : 0;
     watched_samples_ = damper.tally().samples;
@@ -146,7 +142,6 @@ private:
 public:
   Damper damper;
   Health health;
-  Snapshot snapshot;
   ModelChanges changes;
 
 private:

@@ -1,7 +1,6 @@
 #include "node/observer_node.hpp"
 
 #include <lifecycle_msgs/msg/state.hpp>
-#include <rclcpp/experimental/executors/events_executor/events_executor.hpp>
 #include <rclcpp_components/register_node_macro.hpp>
 
 namespace ces {
@@ -293,7 +292,6 @@ void ObserverNode::collect_values() {
   values_.add("unexpected errors", std::to_string(failures_) + ", the last: " + failure_);
   if (!made_) {return;}
   made_->health.add_values(values_);
-  add(values_, figures::SNAPSHOT, made_->snapshot.state());
   made_->changes.add_values(values_);
   drops_.add_values(values_);
 }
@@ -332,17 +330,12 @@ int run_observer(int argc, char ** argv) {
   try {
     rclcpp::init(argc, argv);
     const auto node = std::make_shared<ObserverNode>(rclcpp::NodeOptions());
-    std::unique_ptr<rclcpp::Executor> executor;
-    if (node->get_parameter("executor").as_string() == "events") {
-      executor = std::make_unique<rclcpp::experimental::executors::EventsExecutor>();
-    } else {
-      executor = std::make_unique<rclcpp::executors::SingleThreadedExecutor>();
-    }
-    executor->add_node(node->get_node_base_interface());
+    rclcpp::executors::SingleThreadedExecutor executor;
+    executor.add_node(node->get_node_base_interface());
     std::set<std::string> logged;
     for (bool is_over = false; rclcpp::ok() && !is_over; ) {
       try {
-        executor->spin();
+        executor.spin();
         is_over = true;
       } catch (const std::exception & error) {  // in rclcpp itself, as for a /clock before 1970
         if (logged.size() < MAX_LOGGED && logged.insert(error.what()).second) {
@@ -351,7 +344,7 @@ int run_observer(int argc, char ** argv) {
         std::this_thread::sleep_for(PAUSE);
       }
     }
-    executor->remove_node(node->get_node_base_interface());
+    executor.remove_node(node->get_node_base_interface());
   } catch (const std::exception & error) {
     const std::string text = error.what();
     RCLCPP_FATAL(rclcpp::get_logger("observer"), "%s", text.substr(0, text.find('\n')).c_str());

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from math import exp
 
 from ces_rig.dampers.hydraulic import kernel
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper
 from ces_rig.dampers.model import (
     Change,
     DamperKind,
@@ -166,4 +166,4 @@ CHANGES: Mapping[str, Change] = {
     "sticking_check": lambda _d, s, p: {"extras.check_stick": s * p["adhesion_Pa"]},
 }  # fmt: skip
 
-KIND = DamperKind(Hydraulic(replace_numbers(Damper(), DESIGN)), VARIED, WRONG, SPREADS, CHANGES, kernel)
+KIND = DamperKind(HydraulicDamper(replace_numbers(Damper(), DESIGN)), VARIED, WRONG, SPREADS, CHANGES, kernel)

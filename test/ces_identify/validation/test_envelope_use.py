@@ -18,8 +18,7 @@ from ces_identify.validation.evaluate import (
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import Hysteresis
 from ces_observer.structures.mixture import Mixture, WeightedModel
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 N = 2000
 

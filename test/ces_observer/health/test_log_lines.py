@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ces_observer.health.diagnostics import MAX_LATENCIES, Latencies, LatencyFigures
-from ces_observer.health.episodes import LineLimit, ReasonLog, Stillness
+from ces_observer.health.episodes import ReasonLog, Stillness
 from ces_observer.reasons import OK, OUTLIER
 
 
@@ -37,23 +37,6 @@ def test_a_reason_that_flickers_is_one_line_at_its_begin_and_one_when_it_is_quie
             lines[k] = line
     assert list(lines) == [0, 101, 708]
     assert lines[708] == "ok; 1198 changes since the last line; 3594 samples withheld"
-
-
-def test_lines_of_a_flood_are_counted_and_told_when_it_is_over() -> None:
-    heard, now = list[str](), [0.0]
-    limit = LineLimit(heard.append, lambda: now[0])
-    for k in range(500):
-        now[0] = 0.01 * k
-        limit(f"line {k}")
-        limit.flush()
-    assert heard == ["line 0"]
-    now[0] += 1.0
-    limit.flush()
-    limit.flush()
-    assert heard == ["line 0", "line 499; the last of 499 such lines"]
-    now[0] += 5.0
-    limit("another")
-    assert heard[-1] == "another"
 
 
 MS = 1_000_000
