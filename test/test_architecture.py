@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 130.7,
     "ces_cli": 65.9,
     "bench": 72.5,
-    "test": 483.5,
+    "test": 483.6,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
