@@ -354,6 +354,7 @@ def _write(folder: Path, make: Callable[[Path], Mapping[str, str]]) -> None:
 
 def _open_all(name: str, given: SimulationInputs) -> dict[str, Simulation]:
     """Return simulations by name: the given names, or those of files, functions and structures. Raises CesError."""
+    import ces_identify.scripting  # noqa: F401  # warns of a compilation
     from ces_identify.comparison.comparison import name_sources
     from ces_observer.model import Model
 
@@ -373,7 +374,6 @@ def _open_all(name: str, given: SimulationInputs) -> dict[str, Simulation]:
 
 def _open(given: SimulationInput, called: str = "simulation") -> tuple[Simulation, str]:
     """Return a simulation, and the name that results give it. Raises CesError, which says `called`, for others."""
-    import ces_identify.scripting  # noqa: F401  # warns of a compilation
     from ces_cli.terminal.inputs import open_simulation
     from ces_data.reading import as_path
     from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation

@@ -30,6 +30,19 @@ from ces_report.shell import PageHead
 class CalibrateRequest(PageRequest):
     """What `ces calibrate` is asked for."""
 
+    program = "calibrate"
+    about = (
+        "Fit the named parameters of a simulation to recordings of the real damper: numbers among the keyword-only "
+        "arguments of a Python function (*, seal_N=25.0), the parameters of an FMU, or valves, oil, gas and friction "
+        "of a hydraulic model. Says each with its interval, which are not determined or move together, how far the "
+        f"gap shrinks on data left out, and which effect is missing beside them. Writes {FILE}, itself a SIM, and "
+        "report.html."
+    )
+    example = (
+        "ces calibrate --sim simulator:force --real worn/* --out fitted\n"
+        "  ces calibrate --sim simulator:force --real worn/* --fit seal_N knee_m_s=0.05..0.3 --out fitted"
+    )
+
     sim: str = option(meaning=HELP, metavar="SIM")
     real: tuple[str, ...] = declare(REAL)
     held_out: tuple[str, ...] = declare(HELD_OUT)
@@ -39,7 +52,7 @@ class CalibrateRequest(PageRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(CalibrateRequest, argv)
     require_outputs(request.overwrite, folders={OUT: request.out})
     signals = load_signals(request.signals)
     simulation = open_simulation(request.sim)
@@ -76,18 +89,3 @@ def _print_result(result: Calibration, folder: Path, files: Sequence[str]) -> No
         f"next: ces diagnose --sim {folder / FILE} --real BAG... --out DIR   (what is missing beside them)"
     )
     print(f"written: {folder}/{', '.join(files)}")
-
-
-def make_parser() -> terminal.Parser[CalibrateRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "calibrate",
-        "Fit the named parameters of a simulation to recordings of the real damper: numbers among the keyword-only "
-        "arguments of a Python function (*, seal_N=25.0), the parameters of an FMU, or valves, oil, gas and friction "
-        "of a hydraulic model. Says each with its interval, which are not determined or move together, how far the "
-        f"gap shrinks on data left out, and which effect is missing beside them. Writes {FILE}, itself a SIM, and "
-        "report.html.",
-        "ces calibrate --sim simulator:force --real worn/* --out fitted\n"
-        "  ces calibrate --sim simulator:force --real worn/* --fit seal_N knee_m_s=0.05..0.3 --out fitted",
-        CalibrateRequest,
-    )

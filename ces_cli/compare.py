@@ -39,14 +39,22 @@ USAGE = "usage: ces compare A.json B.json ... BAG..."
 
 @dataclass(frozen=True, kw_only=True)
 class CompareRequest(ReportRequest):
-    """What `ces compare` is asked for."""
+    """Compare models, or any other simulations, on the same recordings with a measured force: the cost J of each free
+    run with its interval, whether the differences are larger than chance (a paired test that allows for slow changes,
+    Holm's correction), and what each model is. A recording that a model was identified on is no test and is marked.
+    """
+
+    program = "compare"
+    example = "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html"
+    rules = (NEED_REPORT,)
+    intermixed = True
 
     words: tuple[str, ...] = argument((), WORDS, metavar="SIM|BAG", count="+")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(CompareRequest, argv)
     simulations, bags = sort_words(request.words)
     report = name_report(request.report, name_sources(simulations), [path.stem for path in find_bags(bags)])
     inputs = [*map(find_file, simulations), *map(Path, bags), request.signals]
@@ -147,18 +155,3 @@ class PredictedSimulation(Simulation):
     def force(self, recording: Recording) -> F:
         """Return the recorded force [N] at every position sample (n,)."""
         return self.simulation.force(self.extended[recording.source])
-
-
-def make_parser() -> terminal.Parser[CompareRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "compare",
-        "Compare models, or any other simulations, on the same recordings with a measured force: the cost J of each "
-        "free run with its interval, whether the differences are larger than chance (a paired test that allows for "
-        "slow changes, Holm's correction), and what each model is. A recording that a model was identified on is no "
-        "test and is marked.",
-        "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html",
-        CompareRequest,
-        rules=(NEED_REPORT,),
-        intermixed=True,
-    )

@@ -21,7 +21,11 @@ EXPERIMENT = "experiment file (YAML) or the name of a packaged one"
 
 @dataclass(frozen=True, kw_only=True)
 class RigRequest(BagRequest):
-    """What `ces rig` is asked for."""
+    """Run an experiment on the virtual dyno rig and write a bag with position, current and force (synthetic data)."""
+
+    program = "rig"
+    example = "ces rig sine_4hz --out sine_4hz"
+    rules = (never_with(ALL, "list", "does not apply with --list", but="list json"),)
 
     experiment: str | None = argument(None, EXPERIMENT, metavar="EXPERIMENT", count="?")
     out: Path | None = option(None, "bag folder to write", metavar="BAG")
@@ -31,7 +35,7 @@ class RigRequest(BagRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    parser = make_parser()
+    parser = terminal.parser(RigRequest)
     request = parser.read(argv)
     if request.list:
         _list(request.json)
@@ -40,17 +44,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         _record(request, request.experiment, request.out)
     return 0
-
-
-def make_parser() -> terminal.Parser[RigRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "rig",
-        "Run an experiment on the virtual dyno rig and write a bag with position, current and force (synthetic data).",
-        "ces rig sine_4hz --out sine_4hz",
-        RigRequest,
-        rules=(never_with(ALL, "list", "does not apply with --list", but="list json"),),
-    )
 
 
 def _list(as_json: bool) -> None:

@@ -99,10 +99,8 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
 def warn_of_signs(recording: Recording) -> Recording:
     """Return the recording; warn of a column that was turned, against which scripts would compare a simulated force."""
     for signal, column in TURNED.findall(recording.taken):
-        text = (
-            f"'{column}' is positive in rebound, so that its sign is turned; every force that comes back is positive in"
-        )
-        warn(f"{recording.name}: {signal}: {text} compression: negate one of the two to compare them")
+        text = f"'{column}' is read with its sign turned; every force that comes back is positive in compression"
+        warn(f"{recording.name}: {signal}: {text}: negate one of the two to compare them")
     return recording
 
 
@@ -252,11 +250,8 @@ def as_recordings(
     Recordings and tables may have names, as keys of a mapping. `signals` describes bags only. Errors say `called`.
     """
     single = _is_one(given)
-    if hasattr(given, "dtype") and not is_table(given):
-        advice = "name its columns, {'time_s': X[:, 0], ...}, or take ces.DamperModel().fit(X, y)"
-        raise CesError(f"{called}: expected a recording, a path, a table, or several; got an array: {advice}")
-    if not single and not hasattr(given, "__iter__"):
-        raise CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(given)}")
+    if not single and (is_array(given) or not hasattr(given, "__iter__")):
+        raise _no_recording(called, given)
     if isinstance(given, Mapping) and given and all(map(_is_one, given.values())):
         return [r for name, one in given.items() for r in _as_named(str(name), one, signals, need)]
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
@@ -274,10 +269,20 @@ def as_recordings(
         elif is_table(one):
             recordings.append(check_table(read_frame(one, need=need, number=number if len(several) > 1 else 0)))
         elif not isinstance(one, str | os.PathLike):
-            raise CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(one)}")
+            raise _no_recording(called, one)
         else:
             recordings += [_read(path, signals, need) for path in find_bags([as_path(one, "recording")])]
     return recordings
+
+
+def _no_recording(called: str, given: object) -> CesError:
+    advice = ": name its columns, {'time_s': X[:, 0], ...}, or take ces.DamperModel().fit(X, y)" * is_array(given)
+    return CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(given)}{advice}")
+
+
+def is_array(value: object) -> bool:
+    """Return whether a value is an array, or a column of a table."""
+    return hasattr(value, "dtype")
 
 
 def _as_named(name: str, given: RecordingInput, signals: PathInput | None, need: Sequence[str]) -> list[Recording]:
@@ -305,12 +310,12 @@ def as_path(given: PathInput, name: str, kind: str = "") -> Path:
         raise CesError(f"{name}: expected {EXPECTED.get(kind or name, '')}a path; got {kind_of(given)}")
     if not os.fspath(given):
         raise CesError(f"{name}: the path is empty")
-    return Path(given)
+    return Path(given).expanduser()
 
 
 def kind_of(given: object) -> str:
     """Return what a value is, for an error."""
-    return "None" if given is None else f"a value of type {type(given).__name__}"
+    return "None" if given is None else "an array" if is_array(given) else f"a value of type {type(given).__name__}"
 
 
 def _with_hash(recording: Recording, path: Path) -> Recording:

@@ -47,7 +47,7 @@ def _as_rows(numbers: Iterable[float]) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(islice(triangle, length)) for length in ROWS)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Band:
     """The half-width as a function of the state.
 
@@ -85,6 +85,9 @@ class Band:
     )
     max_distance: float = bounded(0.0, NumberLimits.MAX_INPUT)
     constant_share: float = bounded(0.0, 1.0)
+
+    def __repr__(self) -> str:
+        return f"Band: meant to hold {self.level:.0%} of the measured forces"
 
     def fill(self, layout: ArrayLayout, rate_Hz: float) -> None:
         """Write its numbers into the layout of a model, for `ces_observer.tick.band`."""

@@ -17,10 +17,18 @@ from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import PAGE, missing_packages, write_characteristics
+from ces_identify.characteristics.page import (
+    PAGE,
+    judged_table,
+    missing_packages,
+    peak_table,
+    range_table,
+    response_table,
+    work_table,
+    write_characteristics,
+)
 from ces_identify.characteristics.rows import Characteristics
 from ces_identify.characteristics.rules import load_rules
-from ces_identify.characteristics.tables import judged_table, peak_table, range_table, response_table, work_table
 from ces_identify.comparison.comparison import name_sources
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError, OptionName
@@ -34,7 +42,15 @@ MAX_ROWS = 24  # of a table in the terminal
 
 @dataclass(frozen=True, kw_only=True)
 class CharacteriseRequest(PageRequest):
-    """What `ces characterise` is asked for."""
+    """Show what a damper dyno shows: force over speed for each current (at the peak speed and continuous), loops, work
+    per cycle, hysteresis, and how the valve responds to steps of the current; with simulations over the same recordings
+    beside them. Sines, triangles and slow sweeps at constant currents give all of it, any other motion gives quantiles
+    of the force over speed.
+    """
+
+    program = "characterise"
+    example = "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics"
+    rules = (only_with("title note", "out", "is for the page; add --out DIR"),)
 
     bags: tuple[str, ...] = declare(replace(BAGS, meaning="recordings with a measured force: bags, folders, globs"))
     model: tuple[str, ...] = option((), HELP, metavar="SIM")
@@ -46,7 +62,7 @@ class CharacteriseRequest(PageRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(CharacteriseRequest, argv)
     require_outputs(request.overwrite, folders={OUT: request.out})
     rules = load_rules(request.rules)
     signals = load_signals(request.signals)
@@ -75,20 +91,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         _print_results(results)
     return 0
-
-
-def make_parser() -> terminal.Parser[CharacteriseRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "characterise",
-        "Show what a damper dyno shows: force over speed for each current (at the peak speed and continuous), loops, "
-        "work per cycle, hysteresis, and how the valve responds to steps of the current; with simulations over "
-        "the same recordings beside them. Sines, triangles and slow sweeps at constant currents give all of it, any "
-        "other motion gives quantiles of the force over speed.",
-        "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics",
-        CharacteriseRequest,
-        rules=(only_with("title note", "out", "is for the page; add --out DIR"),),
-    )
 
 
 def _open_simulations(specs: Sequence[str]) -> dict[str, Simulation]:

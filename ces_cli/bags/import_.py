@@ -39,7 +39,22 @@ MAPPING = "mapping of columns to signals; examples are in share/ces_observer/con
 
 @dataclass(frozen=True, kw_only=True)
 class ImportRequest(BagRequest):
-    """What `ces import` is asked for."""
+    """Convert logs to bags. Without --mapping, the columns are found by their names, units and numbers, and what was
+    found is said; what is not certain is refused, and --propose writes a mapping to correct. The mapping file says
+    which columns hold time, position, current and force, and how to scale them to s, m, A and N. One FILE becomes the
+    bag --out; several FILEs become one bag each in the folder --out.
+    """
+
+    program = "import"
+    example = (
+        "ces import my_log.csv --out recording\n"
+        "  ces import my_log.csv --propose > my_dyno.yaml\n"
+        "  ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings"
+    )
+    rules = (
+        never_with(ALL, "template", "does not apply with --template", but="template"),
+        never_with("json overwrite signals", "propose", "does not apply with --propose, which prints a mapping"),
+    )
 
     files: tuple[Path, ...] = argument((), LOGS, metavar="FILE", count="*")
     mapping: Path | None = option(None, MAPPING, none="found, and said", metavar="MAP.yaml")
@@ -52,7 +67,7 @@ class ImportRequest(BagRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError; writes no bag unless all files can be read."""
-    parser = make_parser()
+    parser = terminal.parser(ImportRequest)
     request = parser.read(argv)
     if request.template:
         print(schema_line("import") + TEMPLATE, end="")
@@ -75,25 +90,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if request.json:
         print_document("import", {"bags": [log.as_json() for log in bags]})
     return 0
-
-
-def make_parser() -> terminal.Parser[ImportRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "import",
-        "Convert logs to bags. Without --mapping, the columns are found by their names, units and numbers, and what "
-        "was found is said; what is not certain is refused, and --propose writes a mapping to correct. The mapping "
-        "file says which columns hold time, position, current and force, and how to scale them to s, m, A and N. "
-        "One FILE becomes the bag --out; several FILEs become one bag each in the folder --out.",
-        "ces import my_log.csv --out recording\n"
-        "  ces import my_log.csv --propose > my_dyno.yaml\n"
-        "  ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings",
-        ImportRequest,
-        rules=(
-            never_with(ALL, "template", "does not apply with --template", but="template"),
-            never_with("json overwrite signals", "propose", "does not apply with --propose, which prints a mapping"),
-        ),
-    )
 
 
 def _propose(path: Path, request: ImportRequest) -> None:

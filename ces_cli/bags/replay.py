@@ -36,6 +36,14 @@ KEYS = ("position", "velocity", "effort")
 class ReplayRequest(BagRequest):
     """What `ces replay` is asked for."""
 
+    program = "replay"
+    about = (
+        "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "
+        f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort; {DELAYED_TOPIC}: the same of "
+        "a model with a delay; with _band: their bounds, if the model has a band)."
+    )
+    example = "ces replay model.json bags/road --out out/road_replayed"
+
     model: Path = declare(MODEL)
     bag: str = declare(ONE_BAG)
     out: Path = option(meaning="bag folder to write", metavar="BAG2")
@@ -43,7 +51,7 @@ class ReplayRequest(BagRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(ReplayRequest, argv)
     path = find_bag(request.bag)
     require_outputs(request.overwrite, bags={OUT: request.out}, inputs=[request.model, path, request.signals])
     signals = load_signals(request.signals)
@@ -128,15 +136,3 @@ def _row(stamp_ns: int, x: float, v: float, force: float, half_width: float | No
 def _joint_states(topic: str, rows: NDArray[np.float64], columns: Mapping[str, int]) -> TopicData:
     values = {field: rows[:, column].astype(np.float64) for field, column in columns.items()}
     return TopicData(topic, TYPE, rows[:, 0].astype(np.int64), values)
-
-
-def make_parser() -> terminal.Parser[ReplayRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "replay",
-        "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "
-        f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort; {DELAYED_TOPIC}: the same of "
-        "a model with a delay; with _band: their bounds, if the model has a band).",
-        "ces replay model.json bags/road --out out/road_replayed",
-        ReplayRequest,
-    )

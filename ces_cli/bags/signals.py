@@ -26,7 +26,13 @@ MAX_OTHERS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class SignalsRequest(OutputRequest):
-    """What `ces signals` is asked for."""
+    """Propose a signals file from the topics that bags hold: which field is position, current and force, in which unit
+    and with which sign, with the reason for each guess, and with what could not be known. Without --out the file goes
+    to the standard output. Several bags have to have the same topics.
+    """
+
+    program = "signals"
+    example = "ces signals bags/noise --out my_signals.yaml"
 
     bags: tuple[str, ...] = declare(BAGS)
     out: Path | None = option(None, "signals file to write (YAML)", metavar="FILE")
@@ -34,7 +40,7 @@ class SignalsRequest(OutputRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError if nothing looks like a signal."""
-    request = make_parser().read(argv)
+    request = terminal.read(SignalsRequest, argv)
     require_outputs(request.overwrite, {OUT: request.out})
     paths = find_bags(request.bags)
     with terminal.step("reading all topics"):
@@ -59,18 +65,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         step = by_hand if missing else f"ces info {paths[0]} --signals '{example}'"
         terminal.print_line(f"next:    {step}", console=terminal.err)
     return 0
-
-
-def make_parser() -> terminal.Parser[SignalsRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "signals",
-        "Propose a signals file from the topics that bags hold: which field is position, current and force, in which "
-        "unit and with which sign, with the reason for each guess, and with what could not be known. Without --out the "
-        "file goes to the standard output. Several bags have to have the same topics.",
-        "ces signals bags/noise --out my_signals.yaml",
-        SignalsRequest,
-    )
 
 
 def print_proposal(selection: Selection, console: Console, skipped: Mapping[str, str] | None = None) -> None:

@@ -21,7 +21,12 @@ from ces_observer.records import declare
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateRequest(BagRequest):
-    """What `ces simulate` is asked for."""
+    """Run a simulation with the position and current of a recording and write time_s,force_N, one row for each position
+    sample (nan where the simulation returns no force, such as while an estimator warms up).
+    """
+
+    program = "simulate"
+    example = "ces simulate --sim model.json bags/road --out road.csv"
 
     bag: str = declare(ONE_BAG)
     sim: str = option(meaning=HELP, metavar="SIM")
@@ -31,7 +36,7 @@ class SimulateRequest(BagRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(SimulateRequest, argv)
     path = find_bag(request.bag)
     inputs = [path, request.signals, find_file(request.sim)]
     require_outputs(request.overwrite, {OUT: request.out}, inputs=inputs)
@@ -55,14 +60,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         print(f"{len(force)} rows: {request.out}")
     return 0
-
-
-def make_parser() -> terminal.Parser[SimulateRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "simulate",
-        "Run a simulation with the position and current of a recording and write time_s,force_N, one row for each "
-        "position sample (nan where the simulation returns no force, such as while an estimator warms up).",
-        "ces simulate --sim model.json bags/road --out road.csv",
-        SimulateRequest,
-    )

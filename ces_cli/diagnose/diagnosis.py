@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, RECORDING, VEHICLE, import_from_here, open_simulation, with_predictions
-from ces_cli.terminal.options import FIT, HELD_OUT, JOBS, REAL, PageRequest, option
+from ces_cli.terminal.options import FIT, HELD_OUT, JOBS, REAL, PageRequest, never_with, only_with, option
 from ces_cli.terminal.outputs import make_schemas, print_document, without_text
 from ces_cli.terminal.progress import DiagnoseProgress
 from ces_data.bags.find import find_bags
@@ -59,7 +59,29 @@ FREED = replace(
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseRequest(PageRequest):
-    """What `ces diagnose` is asked for."""
+    """Find where a simulation differs from recordings of the real damper, which missing effect is the cause, and how
+    far the gap shrinks with that effect added. Writes gap.json, augmented.json (the simulation with the effects, itself
+    a SIM), report.html and, where it would help, the next experiment.
+    """
+
+    program = "diagnose"
+    example = (
+        "ces diagnose --sim model.json --real worn/* --reference new/* --out gap\n"
+        "  ces diagnose --identify --reference new/* --real worn/* --out gap\n"
+        "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference new/* --out fleet_gap"
+    )
+    rules = (
+        only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
+        never_with(
+            "sim",
+            "identify",
+            "does not apply with --identify, which takes a model of the references as simulation; remove one",
+        ),
+        only_with("jobs", "each", "applies to fleets; add --each recording or --each vehicle"),
+        never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
+        never_with("title note", "each", "has no effect with --each: every unit has a page of its own"),
+        never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
+    )
 
     sim: str | None = option(None, HELP, metavar="SIM")
     identify: bool = option(

@@ -37,7 +37,25 @@ ROUNDING = 1e-9  # relative
 
 @dataclass(frozen=True, kw_only=True)
 class ValidateRequest(ReportRequest):
-    """What `ces validate` is asked for."""
+    """Evaluate a model by the cost J of its free run on recordings with a measured force, with the interval of J, the
+    noise floor where cycles repeat, tests of the residuals, and the regions with the largest error. Or prove its
+    stability again.
+    """
+
+    program = "validate"
+    example = (
+        "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
+        "  ces validate model.json --certificate"
+    )
+    rules = (
+        NEED_REPORT,
+        only_with(
+            "report part weight signals overwrite",
+            "bags",
+            "applies to recordings; name them: ces validate MODEL.json BAG...",
+        ),
+    )
+    intermixed = True
 
     model: Path = declare(MODEL)
     bags: tuple[str, ...] = declare(replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"))
@@ -51,7 +69,7 @@ class ValidateRequest(ReportRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(ValidateRequest, argv)
     paths = find_bags(request.bags)
     report = name_report(request.report, [request.model.stem], [path.stem for path in paths])
     outputs = {REPORT_FILE: report}
@@ -195,25 +213,3 @@ def _find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str
 def _number(stored: Mapping[str, Any] | None, key: str) -> float | None:
     value = (stored or {}).get(key)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def make_parser() -> terminal.Parser[ValidateRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "validate",
-        "Evaluate a model by the cost J of its free run on recordings with a measured force, with the interval of J, "
-        "the noise floor where cycles repeat, tests of the residuals, and the regions with the largest error. Or prove "
-        "its stability again.",
-        "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
-        "  ces validate model.json --certificate",
-        ValidateRequest,
-        rules=(
-            NEED_REPORT,
-            only_with(
-                "report part weight signals overwrite",
-                "bags",
-                "applies to recordings; name them: ces validate MODEL.json BAG...",
-            ),
-        ),
-        intermixed=True,
-    )

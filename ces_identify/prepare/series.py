@@ -33,7 +33,7 @@ from ces_observer.tick.tracker import (
 DROPPED_OUTLIER = "outlier"  # a reason of `Series.dropped`
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Series:
     """A prepared recording on its ticks.
 
@@ -57,6 +57,9 @@ class Series:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def __repr__(self) -> str:
+        return f"Series {self.name}: {len(self)} ticks at {self.rate_Hz:g} Hz, {int(self.scored.sum())} of them scored"
 
     @property
     def inputs(self) -> F:

@@ -66,7 +66,6 @@ from ces_observer.structures.polynomial import Polynomial
 from ces_report.shell import PageHead
 from ces_report.typesetting import UNITS, format_alike, join_with
 
-MAX_STEPS = 100_000  # ticks ahead
 MAX_BEYOND = 0.01  # of the span that a model knows: a rounded number counts as the end of it
 
 
@@ -143,14 +142,15 @@ class Model(Suggesting, model.Model):
         prediction over more ticks than a stretch has. NaN where `simulate` has none; a DataFrame's force is a Series
         with its index. Raises CesError without a measured force.
         """
-        if not isinstance(steps, int | np.integer) or not 1 <= steps <= MAX_STEPS:
-            raise CesError(f"steps: is {steps!r}; expected a whole number of ticks from 1 to {MAX_STEPS}")
+        if not isinstance(steps, int | np.integer) or steps < 1:
+            raise CesError(f"steps: is {steps!r}; expected a whole number of ticks, at least 1")
         given = only(as_recordings(recording, called="recording"))
         run = sample_run(self, given)
         warn_all(warnings_on(run, given.name))
         if steps >= (longest := int(np.diff(run.series.segments).max())):
             warn(f"steps: {steps} ticks are longer than any stretch of {given.name} ({longest} ticks): it is simulated")
-        predicted = predict_series(self, run.series, min(steps, longest))
+            return like(recording, given, run.force)
+        predicted = predict_series(self, run.series, int(steps))
         force = force_at_samples(predicted, run.newest, run.ahead, self.force_envelope_N)
         return like(recording, given, np.where(np.isfinite(run.force), force, np.nan))
 

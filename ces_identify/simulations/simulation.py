@@ -137,14 +137,11 @@ def _change_edge(flow: FlowMap, edge: str, value: Mapping[str, float]) -> FlowMa
     at, drops = np.array(flow.at), np.array(flow.rows)
     rises = np.diff(drops, axis=1)
     more = np.maximum(rises[0] + value.get("current_gain", 1.0) * (rises - rises[0]), LEAST * rises.min(axis=0))
-    onward, back = (value.get(_valve_at(edge, way), 1.0) for way in ("onward", "back"))
+    valves = {way: name for name, (place, way) in VALVES.items() if place == edge}
+    onward, back = (value.get(valves.get(way, ""), 1.0) for way in ("onward", "back"))
     scaled = more * np.where(at[:-1] < 0.0, back, onward)
     ends = np.insert(np.cumsum(scaled, axis=1), 0, 0.0, axis=1)
     return FlowMap(flow.at, tuple(map(tuple, (ends - ends[:, at == 0.0]).tolist())))
-
-
-def _valve_at(edge: str, way: str) -> str:
-    return next((name for name, place in VALVES.items() if place == (edge, way)), "")
 
 
 def _add_leak(bypass: Bypass | None, leak: float, position_m: tuple[float, float]) -> Bypass | None:

@@ -171,10 +171,14 @@ class Evaluation(PrintedResult):
 
     @property
     def coverage(self) -> float | None:
-        """Share of the scored ticks with a band whose measured force is within it; None without one."""
-        half = np.full(1, np.nan) if self.half_width is None else self.half_width[self.series.scored]
+        """Share of the scored ticks with a band whose measured force is within it; None if hardly any has one."""
+        if self.half_width is None:
+            return None
+        half = self.half_width[self.series.scored]
         banded = np.isfinite(half) | ~np.isfinite(self.error)
-        return float(np.mean((np.abs(self.error) <= half)[banded])) if banded.any() else None
+        if not banded.all() and banded.sum() < TickLimits.MIN_ERRORS:
+            return None
+        return float(np.mean((np.abs(self.error) <= half)[banded]))
 
     def weighted_cost(self, weighting: Weighting) -> float:
         """Return the weighted J [%]; NaN where no weighted tick is scored."""
@@ -210,12 +214,15 @@ def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluati
     ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CostInterval:
     """J is between `low` and `high` [%] with probability LEVEL."""
 
     low: float
     high: float
+
+    def __repr__(self) -> str:
+        return f"CostInterval(low={self.low:.4g}, high={self.high:.4g})"
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ SAID = {
     "times in ms that are named s": (lambda: ces.Recording.from_frame(table(t_s=1e3 * T)), "if the times are in ms"),
     "a force that pulls in compression": (
         lambda: ces.Recording.from_frame(table(F_kN=-1e-3 * FORCE)),
-        "force: 'F_kN' is positive in rebound, so that its sign is turned",
+        "force: 'F_kN' is read with its sign turned",
     ),
     "newtons that are named kN": (lambda: ces.Recording.from_frame(table(F_kN=FORCE)), "if it is in N, not kN"),
     "millimetres in position_m": (

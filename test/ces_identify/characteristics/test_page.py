@@ -10,15 +10,17 @@ from dyno_recordings import recording_of, sine_motion, triangle_motion
 
 from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.page import (
+    MAX_ROWS,
+    choose_rows,
     format_page,
     make_plots,
     missing_packages,
+    peak_table,
     write_characteristics,
     write_figures,
     write_workbook,
 )
 from ces_identify.characteristics.rows import TABLES
-from ces_identify.characteristics.tables import MAX_ROWS, choose_rows, peak_table
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_report.shell import PageHead
 from ces_report.typesetting import format_spread
