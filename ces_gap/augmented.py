@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from ces_data.recording import Recording
 from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
-from ces_gap.baseline.wrappers import ON_TIME, InputTiming, RetimedSimulation
+from ces_gap.baseline.wrappers import ON_TIME, AroundSimulation, InputTiming, RetimedSimulation
 from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.effects.library import class_of, library_effect, user_effect
 from ces_gap.effects.refitted import FORM, NetworkPart, read_part
@@ -28,7 +28,7 @@ from ces_gap.errors import GapError
 from ces_gap.sensor_noise import UNMEASURED
 from ces_gap.trace import make_trace, smooth_recording
 from ces_identify.simulations.fmu import SPEC
-from ces_identify.simulations.simulation import Parameter, Simulation, find_predictions
+from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer import __version__
 from ces_observer.errors import CesError, ModelError
 from ces_observer.fields import Field
@@ -81,30 +81,15 @@ FILE = Field(kind=Record(AugmentedFile))
 
 
 @dataclass(frozen=True)
-class AugmentedSimulation(Simulation):
+class AugmentedSimulation(AroundSimulation):
     """A simulation with a correction and effects; the `twin` holds those inside, and replaces one `is_recorded`."""
 
     name: str
-    simulation: Simulation
     composition: Composition
     correction: LearnedCorrection | None = None
     twin: Twin | None = None
     is_recorded: bool = False
     provenance: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def innermost(self) -> Simulation:
-        """The simulation without any effects and corrections."""
-        return self.simulation.innermost
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Those of the simulation inside, unless recorded predictions or a twin replace it."""
-        return self.simulation.parameters
-
-    def with_values(self, values: Mapping[str, float]) -> AugmentedSimulation:
-        """Return the same effects around the simulation with other values."""
-        return replace(self, simulation=self.simulation.with_values(values))
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample (n,), NaN where the simulation has none.
@@ -232,7 +217,7 @@ def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:
         simulation = RetimedSimulation(simulation, file.input_timing)
     composition = Composition(settings)
     return AugmentedSimulation(
-        str(path), simulation, composition, file.correction, twin, file.is_recorded, file.provenance
+        simulation, str(path), composition, file.correction, twin, file.is_recorded, file.provenance
     )
 
 

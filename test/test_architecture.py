@@ -72,7 +72,7 @@ MAX_PACKAGE = {
     "ces_report": 14.3,
     "ces_identify": 194.1,
     "ces_rig": 71.6,
-    "ces_gap": 130.7,
+    "ces_gap": 130.6,
     "ces_cli": 65.1,
     "bench": 72.6,
     "test": 483.7,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -39,25 +39,31 @@ ON_TIME = InputTiming()
 
 
 @dataclass(frozen=True)
-class RetimedSimulation(Simulation):
-    """A simulation whose inputs are shifted against the `timing` that was found in it."""
+class AroundSimulation(Simulation):
+    """A simulation around a `simulation`, whose parameters are its own."""
 
     simulation: Simulation
-    timing: InputTiming
 
     @property
     def innermost(self) -> Simulation:
-        """The simulation inside."""
+        """The simulation inside all."""
         return self.simulation.innermost
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Those of the simulation inside."""
+        """Those of the simulation inside, unless recorded predictions or a twin replace it."""
         return self.simulation.parameters
 
-    def with_values(self, values: Mapping[str, float]) -> RetimedSimulation:
-        """Return the same retiming of the simulation with other values."""
+    def with_values(self, values: Mapping[str, float]) -> Self:
+        """Return the same around the simulation with other values."""
         return replace(self, simulation=self.simulation.with_values(values))
+
+
+@dataclass(frozen=True)
+class RetimedSimulation(AroundSimulation):
+    """A simulation whose inputs are shifted against the `timing` that was found in it."""
+
+    timing: InputTiming
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample (n,), as if the simulation took its inputs on time."""

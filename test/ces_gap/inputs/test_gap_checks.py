@@ -219,7 +219,7 @@ def test_doubts_are_notes(traces, ranges, note):
 
 def test_a_force_held_at_its_envelope_is_a_note():
     simulation = ModelSimulation(replace(model(), force_envelope_N=(-50.0, 50.0)))
-    (note,) = check_traces([trace()], AugmentedSimulation("a.json", simulation, Composition()), "a.json")
+    (note,) = check_traces([trace()], AugmentedSimulation(simulation, "a.json", Composition()), "a.json")
     assert note.startswith("ride: the force was held at its envelope (-50 to 50 N) for ")
 
 
@@ -227,7 +227,7 @@ def test_a_force_held_at_its_envelope_is_a_note():
 def test_no_overlap_is_refused_for_a_nested_model(depth):
     simulation = ModelSimulation(model(current_A=(1.2, 1.6)))
     for _ in range(depth):
-        simulation = AugmentedSimulation("a.json", simulation, Composition())
+        simulation = AugmentedSimulation(simulation, "a.json", Composition())
     with pytest.raises(GapError, match=r"m\.json: outside the range .* 100% of the time, most in ride \(current"):
         check_traces([trace()], simulation, "m.json")
 
@@ -307,7 +307,7 @@ def test_a_model_identified_on_a_real_recording_is_noted():
 def test_a_renamed_copy_or_a_part_is_noted_also_inside_an_augmented_simulation():
     whole = ride("learned", 1)
     simulation = identified_on(marks=" ".join(recording_marks(whole)))
-    wrapped = AugmentedSimulation("augmented.json", simulation, Composition())
+    wrapped = AugmentedSimulation(simulation, "augmented.json", Composition())
     for recording in (replace(whole, name="renamed"), replace(whole.share(0.2, 0.8), name="part")):
         seen = replace(trace(), recording=recording, name=recording.name)
         (note,) = seen_notes([seen], wrapped, "augmented.json")
