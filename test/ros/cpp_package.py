@@ -27,8 +27,9 @@ def missing_tool() -> str:
 
 
 def cache_of(folder: Path) -> dict[str, str]:
-    """Return the variables with which a build in a temporary folder hits the cache of one in another."""
-    return {"CCACHE_BASEDIR": str(folder), "CCACHE_NOHASHDIR": "1"}
+    """Return the variables with which a build in a temporary folder hits the user's cache of one in another."""
+    home = os.environ.get("CCACHE_DIR", str(Path.home() / ".cache" / "ccache"))  # XDG_CACHE_HOME is the tests' own
+    return {"CCACHE_DIR": home, "CCACHE_BASEDIR": str(folder), "CCACHE_NOHASHDIR": "1"}
 
 
 class CppPackage:
