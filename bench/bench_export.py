@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from ces_identify.export.export_model import export_c
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling, load_model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 N = 30_000
 FITTED = Path(__file__).resolve().parent / "fuzz" / "seeds" / "model"

@@ -46,6 +46,12 @@ if TYPE_CHECKING:
     FitInput = str | Sequence[str] | Mapping[str, tuple[float, float] | None]
     SimulationInputs = SimulationInput | Sequence[SimulationInput] | Mapping[str, SimulationInput]
 
+MEANT = {
+    "held_out": ("validation",), "test": ("validation", "held_out"), "validate": ("validation", "held_out"),
+    "validation": ("held_out",), "random_state": ("seed",), "n_jobs": ("threads",), "verbose": ("progress",),
+    "na": ("lags",), "nb": ("lags",), "nk": ("lags",), "order": ("terms",),
+}  # fmt: skip  # options by the names that other functions and tools have for them
+
 __all__ = [
     "Calibration", "CesError", "Characteristics", "Comparison", "DamperModel", "Diagnosis", "Estimator", "Evaluation",
     "Model", "Recording", "calibrate", "characterise", "compare", "diagnose", "identify", "simulate", "validate",
@@ -113,7 +119,7 @@ def identify(
             return identify_model(request, given, held_out, tell)
         learnt, kept = ([replace_force(one, subject.force(one)) for one in some] for some in (given, held_out))
         model = identify_model(request, learnt, kept, tell)
-    facts = teacher_facts(model, model.evaluations, name, file_of(name), [*given, *held_out])
+    facts = teacher_facts(model, model.evaluated, name, file_of(name), [*given, *held_out])
     return replace(model, provenance={**model.provenance, "teacher": facts})
 
 
@@ -312,8 +318,9 @@ def _require_options(function: Callable[..., Any], given: Mapping[str, Any], kno
     from ces_observer.errors import suggest
 
     if unknown := next((name for name in given if name not in known), None):
-        names = dict.fromkeys([*known, *(name for name in signature(function).parameters if name != "options")])
-        raise CesError(f"{unknown}: is no option of {function.__name__}{suggest(unknown, names)}")
+        own = [name for name in signature(function).parameters if name != "options"]
+        meant = next((name for name in MEANT.get(unknown, ()) if name in [*known, *own]), unknown)
+        raise CesError(f"{unknown}: is no option of {function.__name__}{suggest(meant, dict.fromkeys([*known, *own]))}")
 
 
 def _head(title: str, note: str, recordings: Sequence[Any]) -> PageHead:
@@ -347,13 +354,12 @@ def _write(folder: Path, make: Callable[[Path], Mapping[str, str]]) -> None:
 
 def _open_all(name: str, given: SimulationInputs) -> dict[str, Simulation]:
     """Return simulations by name: the given names, or those of files, functions and structures. Raises CesError."""
+    import ces_identify.scripting  # noqa: F401  # warns of a compilation
     from ces_identify.comparison.comparison import name_sources
     from ces_observer.model import Model
 
     if isinstance(given, Mapping):
-        if wrong := [own for own in given if not isinstance(own, str)]:
-            raise CesError(f"{name}: {wrong[0]!r} is no name; expected simulations by their names, or a list of them")
-        return {own: _open(simulation, name)[0] for own, simulation in given.items()}
+        return {str(own): _open(simulation, name)[0] for own, simulation in given.items()}
     several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
     opened = [_open(simulation, name) for simulation in several]
     sources = [
@@ -377,6 +383,8 @@ def _open(given: SimulationInput, called: str = "simulation") -> tuple[Simulatio
         return given, str(getattr(given, "name", type(given).__name__))
     if isinstance(given, Model):
         return ModelSimulation(given), "model"
+    if called == "model" and isinstance(given, Mapping | list | tuple):
+        raise CesError("model: expected one; ces.compare takes several, by name or in a list")
     if callable(given):
         name = f"{given.__module__}:{getattr(given, '__qualname__', 'function')}"
         return FunctionSimulation(name, given), name

@@ -29,8 +29,8 @@ from ces_cli.terminal.options import (
     JOBS,
     JSON,
     OVERWRITE,
-    SIGNALS,
     Argument,
+    BagRequest,
     ProgramRequest,
     argument,
     only_with,
@@ -60,18 +60,13 @@ from ces_rig.blind.scoring import (
     find_modes,
     score_cases,
 )
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE
 from ces_rig.dampers.lookup.kernel import learn_lookup
-from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.model import EFFECTS, OUTSIDE, RigDamper
 from ces_rig.dampers.stepper import KINDS as DAMPERS
 
 DEFAULT_PLANTS = ("lookup", "bouc_wen")  # their equations are not those of the diagnosis' twin
 MAP = "map"  # the plant that --recording teaches
 SLICES = {"gap-to-noise": "gap_to_noise", "simulation's error / gap": "baseline_ratio", "plant": "plant"}
-EXAMPLE = """\
-ces blind make --out cases_1 --seed 1 --cases 100
-  ces blind run cases_1 --out results_1 --simulation run predictions --references 0 2
-  ces blind score cases_1 results_1 --out blind.md"""
 
 
 def _several(
@@ -84,18 +79,18 @@ CASES = Argument("cases", meaning="output of 'make'", kind=Path, metavar="DIR")
 
 
 @dataclass(frozen=True, kw_only=True)
-class MakeRequest(ProgramRequest):
-    """What `ces blind make` is asked for."""
+class MakeRequest(BagRequest):
+    """Draw cases, write their recordings and seal the answers."""
+
+    example = "ces blind make --out cases_1 --seed 1 --cases 100"
 
     out: Path = option(meaning="folder to write, new or empty", metavar="DIR")
-    overwrite: bool = declare(OVERWRITE)
     seed: int = option(meaning="random seed", low=0, high=2**31, metavar="N")
     cases: int = option(100, "cases, a balanced sample of all combinations", 1, 100_000, metavar="K")
     plants: tuple[str, ...] = _several(
         (), f"kinds of plant (default: {' '.join(DEFAULT_PLANTS)})", choices=tuple(DAMPERS)
     )
     recording: str | None = option(None, "learn one more plant, a map, from a recording of your damper", metavar="BAG")
-    signals: Path | None = declare(SIGNALS)
     kind: tuple[str, ...] = _several((), "effect, none, outside, pair (default: all)", choices=tuple(KINDS))
     effects: tuple[str, ...] = _several(
         (), "library effects to draw from (default: all)", "NAME", choices=tuple(EFFECTS)
@@ -104,12 +99,13 @@ class MakeRequest(ProgramRequest):
     simulation_error: tuple[float, ...] = _several((), "its errors over the gap (default: 0 0.333 1)", "X", 0, 10)
     seconds: float = option(20.0, "length of a recording", 2.0, 600.0, metavar="S")
     jobs: int | None = declare(JOBS)
-    json: bool = declare(JSON)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunRequest(ProgramRequest):
-    """What `ces blind run` is asked for."""
+    """Diagnose every case from its recordings; repeat to continue an interrupted run."""
+
+    example = "ces blind run cases_1 --out results_1 --simulation run predictions --references 0 2"
 
     cases: Path = declare(replace(CASES, meaning="output of 'make', or a copy with cases/ only"))
     out: Path = option(meaning="folder for results", metavar="RESULTS")
@@ -127,7 +123,9 @@ class RunRequest(ProgramRequest):
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreRequest(ProgramRequest):
-    """What `ces blind score` is asked for."""
+    """Open the seal and compare."""
+
+    example = "ces blind score cases_1 results_1 --out blind.md"
 
     cases: Path = declare(CASES)
     results: tuple[Path, ...] = argument(
@@ -138,38 +136,30 @@ class ScoreRequest(ProgramRequest):
     overwrite: bool = declare(OVERWRITE)
 
 
-PARTS: dict[str, tuple[str, type[ProgramRequest]]] = {
-    "make": ("draw cases, write their recordings and seal the answers", MakeRequest),
-    "run": ("diagnose every case from its recordings; repeat to continue an interrupted run", RunRequest),
-    "score": ("open the seal and compare", ScoreRequest),
-}
+@dataclass(frozen=True, kw_only=True)
+class BlindRequest(ProgramRequest):
+    """Test the diagnosis on plants of the virtual rig with an effect that the simulation lacks.
+
+    'make' draws cases by seed and seals the answers, 'run' diagnoses from the recordings alone, 'score' opens the seal
+    and compares.
+    """
+
+    program = "blind"
+    example = "\n  ".join(part.example for part in (MakeRequest, RunRequest, ScoreRequest))
+    option_rules = (only_with("signals", "recording", "applies to --recording only; add it"),)
+    parts = {"make": MakeRequest, "run": RunRequest, "score": ScoreRequest}  # noqa: RUF012 - of the class
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request: ProgramRequest = terminal.read(BlindRequest, argv)
     if isinstance(request, MakeRequest):
         return _make(request)
     return run(request) if isinstance(request, RunRequest) else _score(cast(ScoreRequest, request))
 
 
-def make_parser() -> terminal.Parser[ProgramRequest]:
-    """Return the parser of the program."""
-    examples = [line.strip() for line in EXAMPLE.splitlines()]
-    return terminal.parser(
-        "blind",
-        "Test the diagnosis on plants of the virtual rig with an effect that the simulation lacks: 'make' "
-        "draws cases by seed and seals the answers, 'run' diagnoses from the recordings alone, 'score' opens the seal "
-        "and compares.",
-        EXAMPLE,
-        ProgramRequest,
-        rules=(only_with("signals", "recording", "applies to --recording only; add it"),),
-        parts={name: (about, line, own) for (name, (about, own)), line in zip(PARTS.items(), examples, strict=True)},
-    )
-
-
 def _make(request: MakeRequest) -> int:
-    plants: dict[str, DamperModel] = {name: DAMPERS[name].design for name in request.plants or DEFAULT_PLANTS}
+    plants: dict[str, RigDamper] = {name: DAMPERS[name].design for name in request.plants or DEFAULT_PLANTS}
     if request.recording is not None:
         signals = load_signals(request.signals)
         plants[MAP] = learn_lookup(terminal.read_one(find_bag(request.recording), signals, terminal.FORCE))

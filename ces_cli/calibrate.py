@@ -10,19 +10,7 @@ from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, open_simulation
-from ces_cli.terminal.options import (
-    FIT,
-    HELD_OUT,
-    JSON,
-    NOTE,
-    OVERWRITE,
-    PART,
-    REAL,
-    SIGNALS,
-    TITLE,
-    ProgramRequest,
-    option,
-)
+from ces_cli.terminal.options import FIT, HELD_OUT, REAL, PageRequest, option
 from ces_cli.terminal.outputs import print_document
 from ces_cli.terminal.progress import DiagnoseProgress
 from ces_data.bags.find import find_bags
@@ -39,25 +27,32 @@ from ces_report.shell import PageHead
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrateRequest(ProgramRequest):
+class CalibrateRequest(PageRequest):
     """What `ces calibrate` is asked for."""
+
+    program = "calibrate"
+    about = (
+        "Fit the named parameters of a simulation to recordings of the real damper: numbers among the keyword-only "
+        "arguments of a Python function (*, seal_N=25.0), the parameters of an FMU, or valves, oil, gas and friction "
+        "of a hydraulic model. Says each with its interval, which are not determined or move together, how far the "
+        f"gap shrinks on data left out, and which effect is missing beside them. Writes {FILE}, itself a SIM, and "
+        "report.html."
+    )
+    example = (
+        "ces calibrate --sim simulator:force --real worn/* --out fitted\n"
+        "  ces calibrate --sim simulator:force --real worn/* --fit seal_N knee_m_s=0.05..0.3 --out fitted"
+    )
 
     sim: str = option(meaning=HELP, metavar="SIM")
     real: tuple[str, ...] = declare(REAL)
     held_out: tuple[str, ...] = declare(HELD_OUT)
     fit: tuple[str, ...] = declare(FIT)
-    signals: Path | None = declare(SIGNALS)
-    part: tuple[float, ...] = declare(PART)
     out: Path = option(meaning="folder to write, created if necessary", metavar="DIR")
-    title: str = declare(TITLE)
-    note: str = declare(NOTE)
-    overwrite: bool = declare(OVERWRITE)
-    json: bool = declare(JSON)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(CalibrateRequest, argv)
     require_outputs(request.overwrite, folders={OUT: request.out})
     signals = load_signals(request.signals)
     simulation = open_simulation(request.sim)
@@ -94,18 +89,3 @@ def _print_result(result: Calibration, folder: Path, files: Sequence[str]) -> No
         f"next: ces diagnose --sim {folder / FILE} --real BAG... --out DIR   (what is missing beside them)"
     )
     print(f"written: {folder}/{', '.join(files)}")
-
-
-def make_parser() -> terminal.Parser[CalibrateRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "calibrate",
-        "Fit the named parameters of a simulation to recordings of the real damper: numbers among the keyword-only "
-        "arguments of a Python function (*, seal_N=25.0), the parameters of an FMU, or valves, oil, gas and friction "
-        "of a hydraulic model. Says each with its interval, which are not determined or move together, how far the "
-        f"gap shrinks on data left out, and which effect is missing beside them. Writes {FILE}, itself a SIM, and "
-        "report.html.",
-        "ces calibrate --sim simulator:force --real worn/* --out fitted\n"
-        "  ces calibrate --sim simulator:force --real worn/* --fit seal_N knee_m_s=0.05..0.3 --out fitted",
-        CalibrateRequest,
-    )

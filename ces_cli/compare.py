@@ -9,18 +9,7 @@ from typing import Any
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_file, open_simulation, print_findings, with_predictions
-from ces_cli.terminal.options import (
-    JSON,
-    NEED_REPORT,
-    NOTE,
-    OVERWRITE,
-    PART,
-    REPORT,
-    SIGNALS,
-    TITLE,
-    ProgramRequest,
-    argument,
-)
+from ces_cli.terminal.options import NEED_REPORT, ReportRequest, argument
 from ces_cli.terminal.outputs import name_report, print_document
 from ces_data.arrays import F
 from ces_data.bags.find import find_bags
@@ -31,11 +20,10 @@ from ces_data.signals_file import load_signals
 from ces_identify.comparison import comparison_report
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_model
 from ces_identify.comparison.comparison import Comparison, compare, name_sources
-from ces_identify.comparison.summary import headline, model_table, pair_table
+from ces_identify.comparison.comparison_report import headline, model_table, pair_table
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError
-from ces_observer.records import declare
 from ces_observer.signals import Signals
 from ces_report.shell import PageHead
 from ces_report.table import Table
@@ -50,22 +38,23 @@ USAGE = "usage: ces compare A.json B.json ... BAG..."
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareRequest(ProgramRequest):
-    """What `ces compare` is asked for."""
+class CompareRequest(ReportRequest):
+    """Compare models, or any other simulations, on the same recordings with a measured force: the cost J of each free
+    run with its interval, whether the differences are larger than chance (a paired test that allows for slow changes,
+    Holm's correction), and what each model is. A recording that a model was identified on is no test and is marked.
+    """
+
+    program = "compare"
+    example = "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html"
+    option_rules = (NEED_REPORT,)
+    intermixed = True
 
     words: tuple[str, ...] = argument((), WORDS, metavar="SIM|BAG", count="+")
-    signals: Path | None = declare(SIGNALS)
-    part: tuple[float, ...] = declare(PART)
-    report: Path | None = declare(REPORT)
-    title: str = declare(TITLE)
-    note: str = declare(NOTE)
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(CompareRequest, argv)
     simulations, bags = sort_words(request.words)
     report = name_report(request.report, name_sources(simulations), [path.stem for path in find_bags(bags)])
     inputs = [*map(find_file, simulations), *map(Path, bags), request.signals]
@@ -166,18 +155,3 @@ class PredictedSimulation(Simulation):
     def force(self, recording: Recording) -> F:
         """Return the recorded force [N] at every position sample (n,)."""
         return self.simulation.force(self.extended[recording.source])
-
-
-def make_parser() -> terminal.Parser[CompareRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "compare",
-        "Compare models, or any other simulations, on the same recordings with a measured force: the cost J of each "
-        "free run with its interval, whether the differences are larger than chance (a paired test that allows for "
-        "slow changes, Holm's correction), and what each model is. A recording that a model was identified on is no "
-        "test and is marked.",
-        "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html",
-        CompareRequest,
-        rules=(NEED_REPORT,),
-        intermixed=True,
-    )

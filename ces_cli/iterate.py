@@ -19,14 +19,19 @@ from ces_data.outputs import require_folder
 from ces_identify.numerics.search import SearchResult
 from ces_observer.records import declare
 from ces_rig.loop.iterate import IterateListener, Iterations
-from ces_rig.loop.plan import TEMPLATE, load_plan
-from ces_rig.loop.rigs import open_rig
+from ces_rig.loop.rigs import TEMPLATE, load_plan, open_rig
 from ces_rig.loop.store import MODEL, PLAN, REPORT, Iteration, keep_plan
 
 
 @dataclass(frozen=True, kw_only=True)
 class IterateRequest(ProgramRequest):
-    """What `ces iterate` is asked for."""
+    """Design an experiment inside a rig's limits, run it, score the model on it, identify anew, and so on, until a
+    target or a budget is reached. Ctrl-C stops at any point; the same command goes on.
+    """
+
+    program = "iterate"
+    example = "ces iterate plan.yaml --out rear_damper"
+    option_rules = (never_with(ALL, "template", "does not apply with --template", but="template"),)
 
     plan: Path | None = argument(None, "the plan (YAML)", metavar="PLAN", count="?")
     out: Path | None = option(
@@ -38,7 +43,7 @@ class IterateRequest(ProgramRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    parser = make_parser()
+    parser = terminal.parser(IterateRequest)
     request = parser.read(argv)
     if request.template:
         print(schema_line("iterate") + TEMPLATE, end="")
@@ -47,18 +52,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         _iterate(request.plan, request.out or request.plan.with_suffix(""), request.json)
     return 0
-
-
-def make_parser() -> terminal.Parser[IterateRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "iterate",
-        "Design an experiment inside a rig's limits, run it, score the model on it, identify anew, and so on, until a "
-        "target or a budget is reached. Ctrl-C stops at any point; the same command goes on.",
-        "ces iterate plan.yaml --out rear_damper",
-        IterateRequest,
-        rules=(never_with(ALL, "template", "does not apply with --template", but="template"),),
-    )
 
 
 def _iterate(path: Path, out: Path, as_json: bool) -> None:

@@ -7,17 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import (
-    ALL,
-    JSON,
-    OVERWRITE,
-    RIG_SEED,
-    SIGNALS,
-    ProgramRequest,
-    argument,
-    never_with,
-    option,
-)
+from ces_cli.terminal.options import ALL, RIG_SEED, BagRequest, argument, never_with, option
 from ces_cli.terminal.outputs import print_document
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.outputs import OUT, require_outputs
@@ -30,21 +20,22 @@ EXPERIMENT = "experiment file (YAML) or the name of a packaged one"
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigRequest(ProgramRequest):
-    """What `ces rig` is asked for."""
+class RigRequest(BagRequest):
+    """Run an experiment on the virtual dyno rig and write a bag with position, current and force (synthetic data)."""
+
+    program = "rig"
+    example = "ces rig sine_4hz --out sine_4hz"
+    option_rules = (never_with(ALL, "list", "does not apply with --list", but="list json"),)
 
     experiment: str | None = argument(None, EXPERIMENT, metavar="EXPERIMENT", count="?")
     out: Path | None = option(None, "bag folder to write", metavar="BAG")
     seed: int | None = declare(RIG_SEED)
-    signals: Path | None = declare(SIGNALS)
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
     list: bool = option(False, "list the packaged experiments and exit")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    parser = make_parser()
+    parser = terminal.parser(RigRequest)
     request = parser.read(argv)
     if request.list:
         _list(request.json)
@@ -53,17 +44,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         _record(request, request.experiment, request.out)
     return 0
-
-
-def make_parser() -> terminal.Parser[RigRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "rig",
-        "Run an experiment on the virtual dyno rig and write a bag with position, current and force (synthetic data).",
-        "ces rig sine_4hz --out sine_4hz",
-        RigRequest,
-        rules=(never_with(ALL, "list", "does not apply with --list", but="list json"),),
-    )
 
 
 def _list(as_json: bool) -> None:

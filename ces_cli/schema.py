@@ -35,13 +35,24 @@ from ces_rig.dampers.stepper import DAMPER
 from ces_rig.experiments.virtual import Experiment
 from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
 from ces_rig.live.rig import OF_THE_RIG
-from ces_rig.loop.plan import Plan
-from ces_rig.loop.rigs import RIG
+from ces_rig.loop.rigs import RIG, Plan
 
 
 @dataclass(frozen=True, kw_only=True)
 class SchemaRequest(ProgramRequest):
     """What `ces schema` is asked for."""
+
+    program = "schema"
+    about = (
+        "Print the JSON Schema (draft 7) of a kind of YAML file. An editor with a YAML language server completes and "
+        f"checks a file whose first line is '{KEYWORD}PATH', where PATH is what --path prints."
+    )
+    example = "ces schema signals > signals.schema.json\n  ces schema --list"
+    option_rules = (
+        never_with(ALL, "list", "does not apply with --list, which lists all schemas", but="list json"),
+        never_with(ALL, "all", "does not apply with --all, which writes all schemas", but="all"),
+        only_with("json", "list", "applies to --list; a schema itself is JSON"),
+    )
 
     name: str | None = argument(None, f"one of {', '.join(ABOUT)}", choices=tuple(ABOUT), metavar="NAME", count="?")
     path: bool = option(False, "print the path of the schema's file instead")
@@ -52,7 +63,7 @@ class SchemaRequest(ProgramRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    parser = make_parser()
+    parser = terminal.parser(SchemaRequest)
     request = parser.read(argv)
     if request.list:
         make_schemas()
@@ -72,22 +83,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         print(build_schema(request.name), end="")
     return 0
-
-
-def make_parser() -> terminal.Parser[SchemaRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "schema",
-        "Print the JSON Schema (draft 7) of a kind of YAML file. An editor with a YAML language server completes and "
-        f"checks a file whose first line is '{KEYWORD}PATH', where PATH is what --path prints.",
-        "ces schema signals > signals.schema.json\n  ces schema --list",
-        SchemaRequest,
-        rules=(
-            never_with(ALL, "list", "does not apply with --list, which lists all schemas", but="list json"),
-            never_with(ALL, "all", "does not apply with --all, which writes all schemas", but="all"),
-            only_with("json", "list", "applies to --list; a schema itself is JSON"),
-        ),
-    )
 
 
 DAMPERS = Field(kind=str, many=True, meaning=parameter_table.DAMPERS_MEANING).schema

@@ -151,7 +151,7 @@ def _check_position_and_rates(recording: Recording) -> Iterator[Finding]:
         yield Finding(ERROR, text, "position")
     elif len(values) and values.min() == values.max():
         text = f"position: constant at {values[0]:g} m; expected a stroke (is it the right field?)"
-        yield Finding(ERROR, text, "position")
+        yield Finding(ERROR if "force" in recording.channels else WARNING, text, "position")
     rates = {name: rate for name, channel in recording.channels.items() if (rate := mean_rate(channel)) > 0.0}
     for (slow, low), (fast, high) in combinations(sorted(rates.items(), key=lambda item: item[1]), 2):
         if high >= RecordingLimits.RATE_RATIO * low and "temperature" not in (slow, fast):

@@ -146,7 +146,8 @@ class DriftLimits:
     CLEARLY = 0.5  # of the intervals' widths, between the first and the last third
     STEADY = 0.35  # of the change, by which the middle may miss the mean of both ends
     MAX_RATE = 5e-3  # [s/s] of clocks
-    MIN_MOTION = 0.1  # RMS speed of the least over the most moving third; the stillness before a sweep has 0.01
+    MIN_MOTION = 0.1  # speed over the largest; RMS of the least over the most moving third: before a sweep it is 0.01
+    MIN_MOVING = 0.45  # of the time; sines between rests have 0.49, the begin of a sweep at 0.41 seemed to drift
     FACTOR, MAX_ERROR = 1.25, 0.3  # of the error that still counts as a fit; of the best fit
 
 

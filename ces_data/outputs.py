@@ -13,7 +13,6 @@ from ces_observer.errors import CesError, OptionName
 
 NO_PAGES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
 PAGE = ".html"
-MODEL = "model"
 OUT, REPORT, OVERWRITE = OptionName("out"), OptionName("report"), OptionName("overwrite", True)
 Outputs = Mapping[OptionName, Path | None] | Mapping[str, Path | None] | Mapping[OptionName | str, Path | None]
 """Paths by the option that names them, or by words; None is an output that nobody asked for."""
@@ -41,8 +40,6 @@ def require_outputs(
             raise CesError(
                 f"{path}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
             )
-        if option == MODEL and path.suffix.lower() != ".json":
-            raise CesError(f"{path}: a model is a JSON file; expected a name that ends in .json")
         if kind != "folder":
             _require_no_input(path, option, read)
         if any(path.iterdir()) if path.is_dir() else path.is_file() or path.is_symlink():
@@ -51,6 +48,12 @@ def require_outputs(
             if not overwrite:
                 advice = f"{path}: exists; choose another name for ", option, ", or replace it with ", OVERWRITE
                 raise CesError(*advice)
+
+
+def require_model_name(path: Path) -> None:
+    """Raise CesError unless a path names a JSON file, as which a model is written."""
+    if path.suffix.lower() != ".json":
+        raise CesError(f"{path}: a model is a JSON file; expected a name that ends in .json")
 
 
 def _require_file(path: Path) -> None:

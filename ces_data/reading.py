@@ -1,28 +1,187 @@
-"""Recordings from what a user gives: recordings, or the paths of bags and logs, one or several."""
+"""Recordings from what a user gives: recordings, tables in memory, the paths of bags and logs, one or several.
+
+Columns and units of a table are found as those of a log are; `to_frame` gives a recording back as a table.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
+
+import numpy as np
+import yaml
 
 from ces_data.bags import reader
 from ces_data.bags.find import find_bags
 from ces_data.checks.motion import recorded_motion
 from ces_data.checks.units import unit_findings
 from ces_data.findings import require_usable, warn
-from ces_data.frames import is_table, read_columns, read_frame, warn_of_signs
 from ces_data.log_formats import is_log
 from ces_data.logs import log_import
-from ces_data.logs.log_file import open_log
-from ces_data.logs.log_mapping import DynoMapping, load_dyno_mapping
-from ces_data.mapping.proposals import propose_mapping, split_damper
+from ces_data.logs.frame import FrameTable, is_frame
+from ces_data.logs.log_file import LogTable, TimedLog, open_log
+from ces_data.logs.log_import import to_recording
+from ces_data.logs.log_mapping import DynoMapping, load_dyno_mapping, parse_mapping_without_force
+from ces_data.mapping.doubts import NOT_READ
+from ces_data.mapping.proposals import propose_for, propose_mapping, split_damper
+from ces_data.mapping.rating import GUESSED
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
-from ces_observer.errors import CesError
+from ces_data.tables import DataColumn, tabulate
+from ces_data.units import split_unit
+from ces_observer.errors import CesError, RecordingError
+from ces_observer.signals import UNITS
+
+NAME = "DataFrame"
+TURNED = re.compile(r"(\w+) from '([^']*)' \[[^]]*sign turned\]")  # in what was taken
+EXAMPLE = "columns={'position': {'column': 'x', 'unit': 'mm'}, 'current': 0.5}"
+
+
+def is_table(given: object) -> bool:
+    """Return whether a value is a table in memory: a pandas DataFrame or a mapping of arrays."""
+    return is_frame(given) or isinstance(given, Mapping)
+
+
+def read_frame(
+    table: Any, *, columns: Mapping[str, Any] | None = None, need: Sequence[str], name: str = "", number: int = 0
+) -> Recording:
+    """Return the recording in a DataFrame, or in a mapping of arrays (n,) by name.
+
+    Time (a column, or the index: dates, durations, or numbers with a unit in the name), position, current and force are
+    found by names, units and numbers, as `ces import` finds them. `columns` names those that are not found: each a
+    column's name, a constant in SI units, or what a mapping file holds for a signal; a column whose unit is not said
+    has that in its name. `number` tells tables without a `name` apart. Raises RecordingError.
+    """
+    if not is_table(table):
+        raise CesError(f"{name or 'table'}: expected a DataFrame or a mapping of arrays; got a {type(table).__name__}")
+    if not isinstance(name, str):
+        raise CesError(f"name: expected text; got {name!r}")
+    named = getattr(table, "attrs", {}).get("name", "")
+    name = name or str(named) or (NAME if is_frame(table) else "arrays") + (f" {number}" if number else "")
+    return read_columns(FrameTable(table, name), columns or {}, need)
+
+
+def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Sequence[str]) -> Recording:
+    """Return the recording in an open log, of which `columns` names what `read_frame` says. Raises RecordingError."""
+    if not isinstance(columns, Mapping):
+        raise CesError(f"columns: expected columns by signal; {EXAMPLE}")
+    names = getattr(log, "names", ())
+    reversed_keys = [key for key, value in columns.items() if key not in UNITS and key in names and str(value) in UNITS]
+    if reversed_keys:
+        raise CesError(f"columns: '{reversed_keys[0]}' is a column; expected signals, each with its column: {EXAMPLE}")
+    name = str(log.path)
+    proposal = propose_for(log, need=need)
+    found = yaml.safe_load(proposal.text) or {}
+    given = {signal: _as_source(signal, source, found) for signal, source in columns.items()}
+    content = {**found, **given}
+    if "rate" in given:
+        content.pop("time", None)
+    settled = {*given, *({"time"} if "rate" in given else ())}
+    named = [s for s in given if s != "rate" and not _has_unit(columns[s]) and _same_column(given[s], found, s)]
+    guessed = tuple(f"{signal}: {GUESSED}" for signal in named)
+    doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled or text.startswith(guessed)]
+    if doubts:
+        raise RecordingError(f"{name}: ", proposal.tell(doubts))
+    for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
+        warn(f"{name}: {remark}")
+    taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
+    taken += [_describe_given(signal, source) for signal, source in given.items() if isinstance(source, Mapping)]
+    taken += [text for text in proposal.remarks if text.endswith(NOT_READ)]
+    recording = replace(to_recording(log, parse_mapping_without_force(content, name)), taken=", ".join(taken))
+    return warn_of_signs(recording)
+
+
+def warn_of_signs(recording: Recording) -> Recording:
+    """Return the recording; warn of a column that was turned, against which scripts would compare a simulated force."""
+    for signal, column in TURNED.findall(recording.taken):
+        text = f"'{column}' is read with its sign turned; every force that comes back is positive in compression"
+        warn(f"{recording.name}: {signal}: {text}: negate one of the two to compare them")
+    return recording
+
+
+def _same_column(source: Mapping[str, Any], found: Mapping[str, Any], signal: str) -> Mapping[str, Any]:
+    """Return what was found for a signal if it is the same column, else nothing."""
+    other = found.get(signal)
+    return other if isinstance(other, Mapping) and str(other.get("column")) == str(source.get("column")) else {}
+
+
+def _has_unit(source: Any) -> bool:
+    """Return whether a user said the unit of a column, too."""
+    return isinstance(source, Mapping) and bool({"unit", "scale"} & {*source})
+
+
+def _describe_given(signal: str, source: Mapping[str, Any]) -> str:
+    """Return what a user named for a signal, as what was found is shown."""
+    if "column" not in source:
+        return f"{signal} {source.get('constant', 'as given')}"
+    scale = f"times {source['scale']}" if "scale" in source else source.get("unit", "")
+    return f"{signal} from '{source['column']}'" + (f" [{scale}]" if scale else "")
+
+
+def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:
+    """Return what a mapping file would hold: the text of a column, or a number, is short for it.
+
+    A column without a unit has the unit in its name, or that which its numbers were `found` to speak for.
+    """
+    if isinstance(source, str):
+        source = {"column": source}
+    if isinstance(source, Mapping):
+        unit = split_unit(str(source.get("column", "")))[1]
+        known = (
+            {} if _has_unit(source) else {"unit": unit.text} if unit else _scaling(_same_column(source, found, signal))
+        )
+        return {**source, **known}
+    if signal == "rate":
+        return source
+    try:
+        return {"constant": float(source)}
+    except (TypeError, ValueError):
+        kind = type(source).__name__
+        raise CesError(f"columns: {signal} is a {kind}; expected a name, a number or a mapping") from None
+
+
+def to_frame(recording: Recording) -> Any:
+    """Return a recording as a pandas DataFrame on the position's times [s] from its first one, the index.
+
+    Columns are `position_m`, `current_A`, `force_N` and the like, whatever their times were: currents and temperatures
+    are held, others interpolated, NaN in gaps. Raises CesError without pandas.
+    """
+    pandas = import_pandas()
+    table = tabulate(recording, {})
+    named = zip([*recording.channels, *recording.constants], table.columns, strict=True)
+    columns = [DataColumn.of(signal, c.unit, np.where(c.missing, np.nan, c.values)) for signal, c in named]
+    values = {column.name: column.values for column in columns}
+    return pandas.DataFrame(values, index=pandas.Index(1e-9 * table.time_ns, name="time_s"))
+
+
+def _scaling(source: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the unit of what was found, without a turned sign: who names a column means it as it is."""
+    scale = {"scale": abs(source["scale"])} if "scale" in source and not source.get("offset") else {}
+    return {key: source[key] for key in ("unit",) if key in source} or scale
+
+
+def import_pandas() -> Any:
+    """Return pandas; raises CesError that says how to install it."""
+    try:
+        import pandas
+    except ImportError:
+        raise CesError("a DataFrame needs pandas: pip install 'ces_observer[frames]'") from None
+    return pandas
+
+
+def import_pyplot() -> Any:
+    """Return matplotlib's pyplot; raises CesError that says how to install it."""
+    try:
+        from matplotlib import pyplot
+    except ImportError:
+        raise CesError("a plot needs matplotlib: pip install 'ces_observer[notebook]'") from None
+    return pyplot
+
 
 SIGNALS = ("position", "current", "force")
 EXPECTED = {"model": "a model or ", "simulation": "a model, a function or "}  # beside paths, by kind
@@ -91,13 +250,10 @@ def as_recordings(
     Recordings and tables may have names, as keys of a mapping. `signals` describes bags only. Errors say `called`.
     """
     single = _is_one(given)
-    if hasattr(given, "dtype") and not is_table(given):
-        advice = "name its columns, {'time_s': X[:, 0], ...}, or take ces.DamperModel().fit(X, y)"
-        raise CesError(f"{called}: expected a recording, a path, a table, or several; got an array: {advice}")
-    if not single and not hasattr(given, "__iter__"):
-        raise CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(given)}")
+    if not single and (is_array(given) or not hasattr(given, "__iter__")):
+        raise _no_recording(called, given)
     if isinstance(given, Mapping) and given and all(map(_is_one, given.values())):
-        return [r for name, one in given.items() for r in _as_named(name, one, signals, need)]
+        return [r for name, one in given.items() for r in _as_named(str(name), one, signals, need)]
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
         raise CesError("no recording given; expected a recording, a path, or several of them")
@@ -113,10 +269,20 @@ def as_recordings(
         elif is_table(one):
             recordings.append(check_table(read_frame(one, need=need, number=number if len(several) > 1 else 0)))
         elif not isinstance(one, str | os.PathLike):
-            raise CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(one)}")
+            raise _no_recording(called, one)
         else:
             recordings += [_read(path, signals, need) for path in find_bags([as_path(one, "recording")])]
     return recordings
+
+
+def _no_recording(called: str, given: object) -> CesError:
+    advice = ": name its columns, {'time_s': X[:, 0], ...}, or take ces.DamperModel().fit(X, y)" * is_array(given)
+    return CesError(f"{called}: expected a recording, a path, a table, or several; got {kind_of(given)}{advice}")
+
+
+def is_array(value: object) -> bool:
+    """Return whether a value is an array, or a column of a table."""
+    return hasattr(value, "dtype")
 
 
 def _as_named(name: str, given: RecordingInput, signals: PathInput | None, need: Sequence[str]) -> list[Recording]:
@@ -144,12 +310,12 @@ def as_path(given: PathInput, name: str, kind: str = "") -> Path:
         raise CesError(f"{name}: expected {EXPECTED.get(kind or name, '')}a path; got {kind_of(given)}")
     if not os.fspath(given):
         raise CesError(f"{name}: the path is empty")
-    return Path(given)
+    return Path(given).expanduser()
 
 
 def kind_of(given: object) -> str:
     """Return what a value is, for an error."""
-    return "None" if given is None else f"a value of type {type(given).__name__}"
+    return "None" if given is None else "an array" if is_array(given) else f"a value of type {type(given).__name__}"
 
 
 def _with_hash(recording: Recording, path: Path) -> Recording:

@@ -22,7 +22,7 @@ MAX_S = 1e9  # [s] longer than any recording
 MIN_SAMPLES = 2  # of a position, to be a motion
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Channel:
     """One logged signal in SI units: `stamps_ns` int64 and `values` float64, both of shape (n,).
 
@@ -44,6 +44,9 @@ class Channel:
         for name, view in (("stamps_ns", stamps.view()), ("values", values.view())):
             view.flags.writeable = False
             object.__setattr__(self, name, view)
+
+    def __repr__(self) -> str:
+        return f"Channel {self.name} [{self.unit}]: stamps_ns and values of {len(self)} samples"
 
     def __len__(self) -> int:
         return len(self.stamps_ns)

@@ -28,8 +28,7 @@ from ces_gap.errors import GapError
 from ces_gap.sensor_noise import UNMEASURED
 from ces_gap.trace import make_trace, smooth_recording
 from ces_identify.simulations.fmu import SPEC
-from ces_identify.simulations.parameters import Parameter
-from ces_identify.simulations.simulation import Simulation, find_predictions
+from ces_identify.simulations.simulation import Parameter, Simulation, find_predictions
 from ces_observer import __version__
 from ces_observer.errors import CesError, ModelError
 from ces_observer.fields import Field

@@ -9,19 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.twin import Twin
 from ces_gap.effects.effect import Composition
 from ces_gap.experiment.next_experiment import NextExperiment
 from ces_gap.grid import is_constant
+from ces_gap.inference.explanation import Explanation
 from ces_gap.inference.fit import Estimate, Interval
-from ces_gap.inference.held_out import Explanation, Gap, HeldOutSeries
+from ces_gap.inference.held_out import Gap, HeldOutSeries
 from ces_gap.inference.judgement import (
     AMBIGUOUS,
     CALIBRATION,
     NAMED,
     NO_GAP,
+    PARAMETERS,
     UNKNOWN,
     VerdictFigures,
 )
@@ -29,7 +31,7 @@ from ces_gap.inference.rare import RareDeviation
 from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
 from ces_gap.regions.axes import GapMap, GapRegion, Where
 from ces_gap.trace import usable_inputs, usable_values
-from ces_report.table import PrintedResult
+from ces_report.table import PrintedResult, PrintedResults
 
 __all__ = [
     "AMBIGUOUS", "NAMED", "NO_GAP", "UNKNOWN", "Diagnosis", "Estimate", "Explanation", "Explanations", "Gap", "GapMap",
@@ -37,8 +39,20 @@ __all__ = [
 ]  # fmt: skip
 
 
-class Explanations(PrintedResult, tuple[Explanation, ...]):
+class Explanations(PrintedResults[Explanation]):
     """Explanations that print themselves as a table."""
+
+
+@dataclass(frozen=True)
+class Possibility:
+    """What may be behind a gap, with its probability: an explanation, or what is none."""
+
+    effects: tuple[str, ...]
+    probability: float
+    explanation: Explanation | None = None
+
+
+OUTSIDE, NOTHING = "none of these", "no effect"  # of an unknown cause, and of noise alone
 
 
 @dataclass(frozen=True, repr=False)
@@ -82,26 +96,52 @@ class Diagnosis(PrintedResult):
         """Let the causes print themselves."""
         object.__setattr__(self, "causes", Explanations(self.causes))
 
-    def to_frame(self) -> Any:
-        """Return the causes as a DataFrame, ranked, each alone; first those named together, if they are several.
+    @property
+    def is_combined(self) -> bool:
+        """Whether several effects act together."""
+        return len(self.composition.effects) > 1
 
-        Columns: effect, form, probability, the gap left [N], the shrink with its 95 % interval (all from 0 to 1), and
-        the parameters by name.
+    @property
+    def is_recalibrated(self) -> bool:
+        """Whether parameters of the simulation were changed first, which are a cause of the whole gap."""
+        return PARAMETERS in self.composition.effects and self.correction is None
+
+    @property
+    def base_N(self) -> float:
+        """The gap [N] of which every shrink is a share: that which the correction leaves, if any."""
+        return self.gap.rms_N if self.is_recalibrated else self.gap.corrected_N
+
+    @property
+    def possibilities(self) -> tuple[Possibility, ...]:
+        """What may be behind the gap: effects together, each alone, ranked, and what is no effect of the library.
+
+        The probability of each is that it is a cause. An effect of several together has that of all, which counts once
+        in the sum of 1.
         """
-        together = [self.composition] if len(self.composition.effects) > 1 else []
-        rows = [
-            {
-                "effect": " + ".join(one.effects),
-                "form": " + ".join(one.forms),
-                "probability": one.probability,
-                "gap_left_N": one.gap_after_N,
-                "shrink": one.shrink,
-                "shrink_low": one.shrink_ci95[0],
-                "shrink_high": one.shrink_ci95[1],
-                "parameters": {estimate.name: estimate.value for some in one.estimates for estimate in some},
-            }
-            for one in (*together, *self.causes)
-        ]
+        explained = (*([self.composition] if self.is_combined else []), *self.causes)
+        rest = (OUTSIDE, self.probability_unknown), (NOTHING, self.probability_none)
+        return (
+            *(Possibility(one.effects, one.probability, one) for one in explained),
+            *(Possibility((name,), probability) for name, probability in rest),
+        )
+
+    def to_frame(self) -> Any:
+        """Return the possibilities as a DataFrame: effects and forms, numbers with their units in the labels."""
+        nothing = Explanation((), (), Composition(), (), math.nan, math.nan, (math.nan, math.nan))
+        rows = []
+        for one in self.possibilities:
+            found = one.explanation or nothing
+            rows.append(
+                {
+                    "effect": " + ".join(one.effects),
+                    "form": " + ".join(found.forms),
+                    "probability_percent": 100.0 * one.probability,
+                    "gap_left_N": found.gap_after_N,
+                    "shrink_percent": 100.0 * found.shrink,
+                    "shrink_low_percent": 100.0 * found.shrink_ci95[0],
+                    "shrink_high_percent": 100.0 * found.shrink_ci95[1],
+                }
+            )
         return import_pandas().DataFrame(rows)
 
 

@@ -12,7 +12,7 @@ from scipy.signal import butter, firwin, sosfiltfilt, welch
 
 from ces_data.arrays import F, I, Mask
 from ces_gap.errors import GapError
-from ces_gap.limits import RecordingLimits
+from ces_gap.limits import DiagnosisLimits
 from ces_identify.limits import TickLimits
 
 GRID_HZ = 500.0  # [Hz] highest rate of the grid: the effects of a damper lie far below half of it
@@ -57,7 +57,7 @@ def rms(values: F) -> float:
 
 def is_constant(current: F, least_A: float = 1e-9) -> bool:
     """Return whether a current [A] is constant but for noise; the spread counts relative to the mean or `least_A`."""
-    return bool(current.std() <= RecordingLimits.CONSTANT * max(abs(float(current.mean())), least_A))
+    return bool(current.std() <= DiagnosisLimits.CONSTANT * max(abs(float(current.mean())), least_A))
 
 
 def lay_base_grid(seconds: F, name: str) -> tuple[F, float, int]:
@@ -67,7 +67,7 @@ def lay_base_grid(seconds: F, name: str) -> tuple[F, float, int]:
     """
     steps = np.diff(seconds)
     steps = steps[steps > 0.0]
-    least = RecordingLimits.MIN_POSITIONS
+    least = DiagnosisLimits.MIN_POSITIONS
     if len(steps) < least:
         raise GapError(f"{name}: {len(steps) + 1} position samples; expected at least {least}; record longer")
     rate = 1.0 / float(np.median(steps))

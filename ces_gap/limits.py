@@ -8,7 +8,7 @@ are shares of the gap's. Settings of a numerical method stand where the method i
 from __future__ import annotations
 
 
-class RecordingLimits:
+class DiagnosisLimits:
     """Whether recordings hold what a diagnosis needs."""
 
     MIN_POSITIONS = 100  # samples of the position

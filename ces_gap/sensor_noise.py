@@ -17,7 +17,7 @@ from scipy.linalg import toeplitz
 
 from ces_data.arrays import F, I, Mask
 from ces_gap.grid import rms
-from ces_gap.limits import NoiseLimits, RecordingLimits
+from ces_gap.limits import DiagnosisLimits, NoiseLimits
 from ces_identify.limits import CycleLimits, TickLimits
 from ces_identify.validation.cycle_noise import differences, find_period, whole_ticks
 
@@ -274,7 +274,7 @@ def _find_still_windows(signals: GridSignals, width: int) -> list[int]:
     if len(signals.force) < width:
         return []
     move = max(NoiseLimits.MAX_MOVE * float(signals.position.std()), NoiseLimits.MAX_MOVE_M)
-    current = RecordingLimits.CONSTANT * rms(signals.current)
+    current = DiagnosisLimits.CONSTANT * rms(signals.current)
     still = sliding_window_view(signals.usable, width).all(1)
     for values, most in ((signals.position, move), (signals.current, current + 1e-9)):
         still &= sliding_window_view(values, width).std(1) <= most

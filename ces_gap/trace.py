@@ -29,7 +29,7 @@ from ces_gap.grid import (
     thin_out,
     without_edges,
 )
-from ces_gap.limits import RecordingLimits
+from ces_gap.limits import DiagnosisLimits
 from ces_gap.plant_map import RecentMaps, SpeedMap, SprungMap, learn_sprung_map
 from ces_gap.sensor_noise import UNMEASURED, GridSignals, MeasuredNoise, measure_noise
 from ces_identify.prepare.series import hold_current
@@ -182,7 +182,7 @@ def _bridge_force(logged: Recording, base: F, factor: int) -> tuple[F, Mask, Mas
 
 def bridge_current(recording: Recording, base: F) -> tuple[F, Mask]:
     """Return the held current [A] (n,) at times `base` [s], and where it is known; elsewhere it is interpolated."""
-    current = hold_current(recording, _stamps(recording, base), RecordingLimits.CURRENT_AGE_S)
+    current = hold_current(recording, _stamps(recording, base), DiagnosisLimits.CURRENT_AGE_S)
     known = np.isfinite(current)
     return np.interp(base, base[known], current[known]) if known.any() else np.zeros_like(base), known
 
@@ -273,9 +273,9 @@ def own_error_N(traces: Sequence[Trace]) -> float:
 def require_usable(trace: Trace) -> None:
     """Raise GapError if the trace has too few usable ticks."""
     seconds = float(trace.usable.sum()) / trace.rate_Hz
-    if seconds < RecordingLimits.MIN_USABLE_S:
+    if seconds < DiagnosisLimits.MIN_USABLE_S:
         raise GapError(
             f"{trace.name}: {seconds:.2f} s with position, current, force and a simulated force together; "
-            f"expected at least {RecordingLimits.MIN_USABLE_S:g} s; "
+            f"expected at least {DiagnosisLimits.MIN_USABLE_S:g} s; "
             "check the signals file and that the channels overlap in time"
         )

@@ -38,7 +38,7 @@ from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.training import build_training
 from ces_identify.validation.band import fit_band, masks_by_recording, masks_by_stretch
-from ces_identify.validation.cost_table import RULE, usage
+from ces_identify.validation.cost_table import COSTS, RULE, usage
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
     VALIDATION,
@@ -56,7 +56,6 @@ from ces_observer.structures.polynomial import Polynomial
 UNLIKE_FORCE = "the force does not follow these signals: check that topics, signs and damper are the right ones"
 FIT_SHARE = 0.9  # of a time limit, until there is a model; band, proofs and evaluation have the rest
 THINNED = "identified_on"  # key of the provenance
-COSTS = "cost_J_percent"  # key of the provenance
 
 
 @dataclass(frozen=True, repr=False)
@@ -149,6 +148,7 @@ def _cost_row(e: Evaluation) -> dict[str, Any]:
     low, high = (e.interval.low, e.interval.high) if e.interval else (None, None)
     coverage = None if e.coverage is None else 100.0 * e.coverage
     known = {
+        "scored_s": e.scored_s,
         "J": e.cost,
         "low": low,
         "high": high,

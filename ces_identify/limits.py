@@ -11,6 +11,7 @@ from __future__ import annotations
 class TickLimits:
     """Whether there are enough ticks; the ticks of a long recording are thinned."""
 
+    MAX_BEYOND = 0.5  # of the positions beyond the stroke that a model knows: a unit or an offset is wrong
     MIN_SCORED = 50  # ticks with a measured force, for a cost J: half a second of the table's 100 Hz
     MIN_ERRORS = 200  # ticks, for a fit, a band or tests of residuals: 20 lie beyond a band of 90 %
     ALL = 600_000  # ticks, of which a fit takes all: 10 min at 1 kHz (docs/files.md)
@@ -78,6 +79,7 @@ class EnvelopeLimits:
     )
     # 0.5 A; sines at 0, 0.5 and 1 A, a gap of 0.5: J 8 to 20 % at 0.25 and 0.75 A, as with all five currents)
     FORCE_MARGIN = 0.5  # of the measured force's span, on both sides: twice the force, if it is as large both ways
+    MIN_FORCE = 0.015  # of the force envelope: that of a driven damper varies by more (UTFSM: 0.018, at rest 0.012)
     HELD_FORCE = 1.5  # times the largest recorded: where a hydraulic network's force is held,
     HELD_PRESSURE = 2.0  # and times the largest that the recordings need: where its pressures are
     REACH = 2.0  # times the inputs' ranges: how far a hydraulic network extrapolates (docs/structures.md)
@@ -178,7 +180,7 @@ class ComparisonLimits:
     MIN_SECONDS = 2.0 * ErrorLimits.SLOWEST_S  # [s] of all recordings together, to tell that there is no difference
 
 
-class VerdictLimits:
+class MisfitLimits:
     """What a report says in words: whether a model fits, and what to record next."""
 
     MISFIT_J = 30.0  # [%] J from which a model does not fit, docs/reports.md

@@ -35,8 +35,8 @@ from ces_identify.prepare.series import Series, changes
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.lagged_signals import RINGS, Regressor
+from ces_observer.structures.polynomial import Term
 from ces_observer.structures.structure import OperatingRange, Range, Structure
-from ces_observer.structures.terms import Term
 from ces_observer.tick.lagged import LAGGED_PHI
 
 SIGNALS = ("position", "speed", "current")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
 
 LIKE = 0.7  # of a name's letters, in what it may have meant
 
@@ -58,6 +59,20 @@ def suggest(name: str, known: Iterable[str]) -> str:
     names = list(known)
     near = get_close_matches(name, names, n=1, cutoff=LIKE)
     return f"; did you mean '{near[0]}'?" if near else f"; expected one of {', '.join(names)}"
+
+
+class Suggesting:
+    """What has public names: an unknown one raises an AttributeError with the near ones."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> NoReturn:
+            raise AttributeError(
+                f"{type(self).__name__} has no '{name}'{'' if name[0] == '_' else self._suggest(name)}"
+            )
+
+    def _suggest(self, name: str) -> str:
+        return suggest(name, [known for known in dir(self) if not known.startswith("_")])
 
 
 Wording = Callable[[OptionName], str]

@@ -21,7 +21,6 @@ from ces_observer.bank_design import (
     ORDER,
     SHIFTS,
     SPEED,
-    BankMode,
     BankSettings,
     Gains,
     design_bank,
@@ -97,7 +96,10 @@ def fill_bank(layout: ArrayLayout, stroke: BankSettings, delay: int) -> None:
     layout.n[bank.MEASURES_MOTION] = measurements > 1
     layout.n[bank.SPAN_TABLE] = layout.indices(spans)
     layout.n[bank.SEEN] = layout.table(
-        x for at in range(len(SHIFTS)) for mode in modes for x in _seen(mode, at, stroke)
+        x
+        for at in range(len(SHIFTS))
+        for mode in modes
+        for x in (*mode.measured[at], *(mode.motion[at] if stroke.motion else ()))
     )
     layout.n[bank.GAINS] = layout.table(_gains(stroke, delay))
     first = (mode.gains[span][0] for span in range(len(spans)) for mode in modes)
@@ -109,10 +111,6 @@ def fill_bank(layout: ArrayLayout, stroke: BankSettings, delay: int) -> None:
     layout.n[bank.RING] = states + len(modes) * bank.MODE_WIDTH
     layout.n[bank.BANK_STATES] = size
     layout.n[bank.SAVED] = layout.state(size)
-
-
-def _seen(mode: BankMode, at: int, stroke: BankSettings) -> tuple[float, ...]:
-    return (*mode.measured[at], *mode.motion[at]) if stroke.motion else mode.measured[at]
 
 
 @lru_cache(maxsize=32)

@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
+from ces_observer.errors import suggest
+
 
 def import_on_use(package: str, sources: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
     """Return the `__getattr__` of `package` (PEP 562); `sources` holds the names by the module that defines them."""
@@ -11,7 +13,8 @@ def import_on_use(package: str, sources: Mapping[str, Sequence[str]]) -> Callabl
 
     def find(name: str) -> Any:
         if name not in home:
-            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+            near = suggest(name, dir(import_module(package))) if name[0] != "_" else ""
+            raise AttributeError(f"module '{package}' has no attribute '{name}'{near}")
         return getattr(import_module(home[name]), name)
 
     return find

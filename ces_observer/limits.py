@@ -79,7 +79,7 @@ class HealthLimits:
     QUIET_S = 1.0  # [s] without a change, after which what has flickered is logged again
 
 
-class DriftLimits:
+class RunningCostLimits:
     """When the running cost J shows that a model has drifted (docs/live.md)."""
 
     MIN_PAIRS = 100  # in the window, for a cost

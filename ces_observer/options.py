@@ -45,7 +45,7 @@ class Option(Field):
         if self.kind is bool:
             return f"do not {self.meaning}" if self.default is True else self.meaning
         text = self.described + ("; may be repeated" if self.many and not self.together else "")
-        if self.default in (REQUIRED, None, (), []):
+        if self.default in (REQUIRED, None, "", (), []):
             return text + (f" (default: {self.none})" if self.none else "")
         defaults = self.default if self.many else [self.default]
         words = " ".join(f"{one:g}" if self.kind is float else str(one) for one in defaults)

@@ -114,11 +114,6 @@ def record_schema(cls: type[Any], partial: bool = False) -> Schema:
     return Record(cls, partial=partial).schema
 
 
-def some_of(**keys: Field) -> Field:
-    """Return the field of a mapping of which only these keys are read, as a dictionary."""
-    return Field(kind=replace(record_of(**keys).kind, loose=True))
-
-
 def record_of(**keys: Field | tuple[Field, Of]) -> Field:
     """Return the field of a mapping with these keys, read as a dictionary; a pair says where a value is found too."""
     pairs = {key: value if isinstance(value, tuple) else (value, key) for key, value in keys.items()}

@@ -9,20 +9,24 @@ from __future__ import annotations
 import csv
 import io
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, dataclass
 from functools import singledispatch
+from itertools import zip_longest
 from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
 from markupsafe import Markup
 
+from ces_observer.errors import Suggesting
 from ces_observer.fields import Field
 from ces_observer.records import declare, record_fields
 from ces_report.typesetting import Chart, Symbols, format_spread
 
 R = TypeVar("R")
 MAX_OPEN_ROWS = 20  # of a table that a page does not fold
+WIDTH, MIN_TEXT = 100, 20  # characters of printed results, and of their wrapped texts
 BAR = Markup(
     '<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span>{}</span>'
 )
@@ -99,15 +103,28 @@ class Table(Generic[R]):
         return "\n".join(f"|{'|'.join(line)}|" for line in lines)
 
     def __str__(self) -> str:
-        """Return the table as plain text, as a terminal shows it."""
+        """Return the table as plain text, as a terminal of WIDTH shows it: the widest texts are wrapped."""
         shown = [column for column in self.columns if not column.page_only]
         lines = [[c.short or c.heading for c in shown], *([c.line(row) for c in shown] for row in self.rows)]
-        columns = [[text.replace("\n", ", ") for text in texts] for texts in zip(*lines, strict=True)]
-        justified = []
-        for column, texts in zip(shown, columns, strict=True):
-            width = max(map(len, texts))
-            justified.append([text.rjust(width) if column.figure else text.ljust(width) for text in texts])
-        return "\n".join("  ".join(line).rstrip() for line in zip(*justified, strict=True))
+        cells = [[text.replace("\n", ", ") for text in line] for line in lines]
+        widths = [max(map(len, texts)) for texts in zip(*cells, strict=True)]
+        if shown and (excess := sum(widths) + 2 * (len(widths) - 1) - WIDTH) > 0:
+            widest = max(range(len(widths)), key=lambda k: (not shown[k].figure, widths[k]))
+            widths[widest] = max(widths[widest] - excess, MIN_TEXT)
+        wrapped = [[wrap(text, width) for text, width in zip(line, widths, strict=True)] for line in cells]
+        return "\n".join(
+            "  ".join(
+                text.rjust(width) if column.figure else text.ljust(width)
+                for column, text, width in zip(shown, texts, widths, strict=True)
+            ).rstrip()
+            for line in wrapped
+            for texts in zip_longest(*line, fillvalue="")
+        )
+
+
+def wrap(text: str, width: int = WIDTH) -> list[str]:
+    """Return the lines of a text of at most this width; longer words stay whole."""
+    return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def text_table(
@@ -132,11 +149,12 @@ class Section:
     charts: tuple[Chart, ...] = ()
 
 
-class PrintedResult:
+class PrintedResult(Suggesting):
     """A result that prints itself in scripts and notebooks as a few lines and a table, see `summarize_result`."""
 
     def __repr__(self) -> str:
-        lines, table = summarize_result(self)
+        texts, table = summarize_result(self)
+        lines = [line for text in texts for line in wrap(text)]
         return "\n".join([*lines, str(table)] if table.rows else lines)
 
     def _repr_html_(self) -> str:
@@ -146,7 +164,14 @@ class PrintedResult:
 
 
 class PrintedResults(PrintedResult, tuple[R, ...]):
-    """Results in a row, printed in the same way."""
+    """Results in a row, printed in the same way; so is a part of them."""
+
+    def __getitem__(self, key: Any) -> Any:
+        part = super().__getitem__(key)
+        return type(self)(part) if isinstance(key, slice) else part
+
+    def _suggest(self, name: str) -> str:
+        return f"; its results have, such as [0].{name}" if self and name in dir(self[0]) else super()._suggest(name)
 
 
 @singledispatch

@@ -114,8 +114,13 @@ def format_within(value: float, low: float, high: float, figures: int = 3) -> tu
     """Return a value and its interval `low to high` with the digits that half the interval justifies.
 
     That is the rule of `format_spread`; where zero is not in the interval, whose ends may lie decades apart, what it
-    would change by more than MAX_ROUNDED has two figures. Without an interval the value has `figures`, and that a dash.
+    would change by more than MAX_ROUNDED has two figures. An endless interval is `at least low`, `at most high` or a
+    dash, as that without a number is, and the value has `figures`.
     """
+    if math.isinf(low) != math.isinf(high):
+        return format_number(value, figures), (
+            f"at least {format_number(low, figures)}" if math.isinf(high) else f"at most {format_number(high, figures)}"
+        )
     if not (math.isfinite(value + low + high) and low < high):
         return format_number(value, figures), format_range(low, high) if math.isfinite(low + high) else "\N{EN DASH}"
     most = math.inf if low <= 0.0 <= high else MAX_ROUNDED

@@ -27,7 +27,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.random import Generator
 
 from ces_data.arrays import F
-from ces_data.waveforms.sequences import filtered_noise
+from ces_data.waveforms.strokes import filtered_noise
 from ces_observer.records import quantity
 from ces_rig.errors import RigError
 

@@ -18,7 +18,7 @@ class LiveLimits:
     SAFE_TIMES = 10  # set points of the safe current at the end: best-effort topics may lose one
 
 
-class ExperimentLimits:
+class DesignLimits:
     """When an experiment may be run, and when a state counts as known."""
 
     TOLERANCE = 1e-4  # of a limit, and in A: rounding of the five digits in commands.csv (docs/iterate.md)
@@ -28,7 +28,7 @@ class ExperimentLimits:
     KNOWN_VARIANCE = 0.01  # of a state that counts as covered: its force is known to a tenth of what it could be
 
 
-class TableLimits:
+class MapLimits:
     """When a table of a damper can be learned from a recording."""
 
     MIN_CURRENTS_A = 0.05  # [A] of its currents: five steps of a 10-bit converter over 10 A

@@ -10,7 +10,9 @@ from importlib import import_module
 
 from bench.reference.tables import as_text, codes, table
 from ces_cli.main import PROGRAMS
+from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP as SIM
+from ces_cli.terminal.options import ProgramRequest
 
 SHARED_BY = 2  # programs from which on an option is described once, at the top
 DEFAULT = re.compile(r"[;,]? ?\(?default:? ([^()]*(?:\([^()]*\))?[^()]*?)\)?$")
@@ -22,10 +24,7 @@ ends a program with status 2 and one line that says what to do. SIM is a simulat
 
 def programs_page() -> str:
     """Return the page."""
-    parsers = {
-        name: dict(_parts(name, import_module(f"ces_cli.{module}").make_parser()))
-        for name, (module, _) in PROGRAMS.items()
-    }
+    parsers = {name: dict(_parts(name, parser_of(name))) for name in PROGRAMS}
     counts = Counter(_key(action) for parts in parsers.values() for p in parts.values() for action in _options(p))
     shared = {key for key, count in counts.items() if count >= SHARED_BY and key[2]}
     text = ["# Programs", HEAD, table(("option of several programs", "default", "meaning"), sorted(shared))]
@@ -38,6 +37,18 @@ def programs_page() -> str:
             if own:
                 text.append(table(("option", "default", "meaning"), own))
     return "\n".join(text)
+
+
+def parser_of(name: str) -> argparse.ArgumentParser:
+    """Return the parser of a program."""
+    import_module(f"ces_cli.{PROGRAMS[name][0]}")
+    return terminal.parser(next(request for request in _list_requests(ProgramRequest) if request.program == name))
+
+
+def _list_requests(base: type[ProgramRequest]) -> Iterator[type[ProgramRequest]]:
+    for request in base.__subclasses__():
+        yield request
+        yield from _list_requests(request)
 
 
 def _parts(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:

@@ -9,18 +9,7 @@ from typing import Any
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, open_simulation, print_findings, with_predictions
-from ces_cli.terminal.options import (
-    BAGS,
-    JSON,
-    NOTE,
-    OVERWRITE,
-    PART,
-    SIGNALS,
-    TITLE,
-    ProgramRequest,
-    only_with,
-    option,
-)
+from ces_cli.terminal.options import BAGS, PageRequest, only_with, option
 from ces_cli.terminal.outputs import print_document
 from ces_data.arrays import F
 from ces_data.bags.find import find_bags
@@ -28,11 +17,18 @@ from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import describe_days
 from ces_data.signals_file import load_signals
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import PAGE, write_characteristics
+from ces_identify.characteristics.page import (
+    PAGE,
+    judged_table,
+    missing_packages,
+    peak_table,
+    range_table,
+    response_table,
+    work_table,
+    write_characteristics,
+)
 from ces_identify.characteristics.rows import Characteristics
 from ces_identify.characteristics.rules import load_rules
-from ces_identify.characteristics.tables import judged_table, peak_table, range_table, response_table, work_table
-from ces_identify.characteristics.workbook import missing_packages
 from ces_identify.comparison.comparison import name_sources
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError, OptionName
@@ -45,26 +41,28 @@ MAX_ROWS = 24  # of a table in the terminal
 
 
 @dataclass(frozen=True, kw_only=True)
-class CharacteriseRequest(ProgramRequest):
-    """What `ces characterise` is asked for."""
+class CharacteriseRequest(PageRequest):
+    """Show what a damper dyno shows: force over speed for each current (at the peak speed and continuous), loops, work
+    per cycle, hysteresis, and how the valve responds to steps of the current; with simulations over the same recordings
+    beside them. Sines, triangles and slow sweeps at constant currents give all of it, any other motion gives quantiles
+    of the force over speed.
+    """
+
+    program = "characterise"
+    example = "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics"
+    option_rules = (only_with("title note", "out", "is for the page; add --out DIR"),)
 
     bags: tuple[str, ...] = declare(replace(BAGS, meaning="recordings with a measured force: bags, folders, globs"))
     model: tuple[str, ...] = option((), HELP, metavar="SIM")
-    signals: Path | None = declare(SIGNALS)
-    part: tuple[float, ...] = declare(PART)
     rules: Path | None = option(
         None, "rules of a bench: which cycles, where in the stroke, limits", metavar="FILE.yaml"
     )
     out: Path | None = option(None, FOLDER, metavar="DIR")
-    title: str = declare(TITLE)
-    note: str = declare(NOTE)
-    overwrite: bool = declare(OVERWRITE)
-    json: bool = declare(JSON)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(CharacteriseRequest, argv)
     require_outputs(request.overwrite, folders={OUT: request.out})
     rules = load_rules(request.rules)
     signals = load_signals(request.signals)
@@ -93,20 +91,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         _print_results(results)
     return 0
-
-
-def make_parser() -> terminal.Parser[CharacteriseRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "characterise",
-        "Show what a damper dyno shows: force over speed for each current (at the peak speed and continuous), loops, "
-        "work per cycle, hysteresis, and how the valve responds to steps of the current; with simulations over "
-        "the same recordings beside them. Sines, triangles and slow sweeps at constant currents give all of it, any "
-        "other motion gives quantiles of the force over speed.",
-        "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics",
-        CharacteriseRequest,
-        rules=(only_with("title note", "out", "is for the page; add --out DIR"),),
-    )
 
 
 def _open_simulations(specs: Sequence[str]) -> dict[str, Simulation]:

@@ -32,7 +32,16 @@ ESTIMATES = (  # column of the estimator's rows, name and unit
 
 @dataclass(frozen=True, kw_only=True)
 class ExportDataRequest(ProgramRequest):
-    """What `ces export-data` is asked for."""
+    """Write recordings as CSV or Parquet, in SI units, which the names of the columns state (position_m, force_N). A
+    row is a position sample; a channel with other times is held (current_held_A) or interpolated (force_interp_N), and
+    its cell is empty in a gap. stamp_ns is the exact time since 1970, time_s counts from the first row.
+    """
+
+    program = "export-data"
+    example = (
+        "ces export-data bags/road --out road.csv\n"
+        "  ces export-data bags/road bags/sweep --out tables --format parquet --model model.json"
+    )
 
     bags: tuple[str, ...] = declare(BAGS)
     out: Path = option(meaning="FILE.csv, FILE.parquet, or a folder, which gets a file for each bag", metavar="FILE")
@@ -46,7 +55,7 @@ class ExportDataRequest(ProgramRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError before any work if an output cannot be written."""
-    request = make_parser().read(argv)
+    request = terminal.read(ExportDataRequest, argv)
     bags = find_bags(request.bags)
     targets = list_targets(bags, request.out, request.format)
     for path, kind in targets:
@@ -66,20 +75,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             write_table(table, path, kind)
         print(f"{path}: {len(table.stamps_ns)} rows of {', '.join(column.name for column in table.columns)}")
     return 0
-
-
-def make_parser() -> terminal.Parser[ExportDataRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "export-data",
-        "Write recordings as CSV or Parquet, in SI units, which the names of the columns state (position_m, force_N). "
-        "A row is a position sample; a channel with other times is held (current_held_A) or interpolated "
-        "(force_interp_N), and its cell is empty in a gap. stamp_ns is the exact time since 1970, time_s counts from "
-        "the first row.",
-        "ces export-data bags/road --out road.csv\n"
-        "  ces export-data bags/road bags/sweep --out tables --format parquet --model model.json",
-        ExportDataRequest,
-    )
 
 
 def list_targets(bags: Sequence[Path], out: Path, form: str | None) -> list[tuple[Path, str]]:

@@ -11,16 +11,7 @@ from pathlib import Path
 
 from ces_cli.bags.signals import print_proposal
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import (
-    ALL,
-    JSON,
-    OVERWRITE,
-    SIGNALS,
-    ProgramRequest,
-    argument,
-    never_with,
-    option,
-)
+from ces_cli.terminal.options import ALL, BagRequest, argument, never_with, option
 from ces_cli.terminal.outputs import print_document, schema_line, without_text
 from ces_cli.terminal.progress import FileProgress
 from ces_data.bags.storage import ALONE, MEASURED, SPEED
@@ -39,7 +30,6 @@ from ces_data.recording import Recording
 from ces_data.samples import INTEGRATED, align_speed, velocity_beside
 from ces_data.signals_file import load_signals
 from ces_observer.errors import RecordingError, SignalsError
-from ces_observer.records import declare
 from ces_observer.signals import Signal, Signals
 
 LOGS = "log: " + ", ".join(" ".join(suffixes) for suffixes in LOG_FORMATS.values())
@@ -48,15 +38,27 @@ MAPPING = "mapping of columns to signals; examples are in share/ces_observer/con
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportRequest(ProgramRequest):
-    """What `ces import` is asked for."""
+class ImportRequest(BagRequest):
+    """Convert logs to bags. Without --mapping, the columns are found by their names, units and numbers, and what was
+    found is said; what is not certain is refused, and --propose writes a mapping to correct. The mapping file says
+    which columns hold time, position, current and force, and how to scale them to s, m, A and N. One FILE becomes the
+    bag --out; several FILEs become one bag each in the folder --out.
+    """
+
+    program = "import"
+    example = (
+        "ces import my_log.csv --out recording\n"
+        "  ces import my_log.csv --propose > my_dyno.yaml\n"
+        "  ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings"
+    )
+    option_rules = (
+        never_with(ALL, "template", "does not apply with --template", but="template"),
+        never_with("json overwrite signals", "propose", "does not apply with --propose, which prints a mapping"),
+    )
 
     files: tuple[Path, ...] = argument((), LOGS, metavar="FILE", count="*")
     mapping: Path | None = option(None, MAPPING, none="found, and said", metavar="MAP.yaml")
     out: Path | None = option(None, "bag to write, or folder for several", metavar="BAG")
-    signals: Path | None = declare(SIGNALS)
-    overwrite: bool = declare(OVERWRITE)
-    json: bool = declare(JSON)
     propose: bool = option(False, "print a mapping for FILE with reasons, and exit")
     rate: float | None = option(None, "rate of a log without a time column (no --mapping)", 1e-3, 1e6, metavar="HZ")
     dbc: tuple[Path, ...] = option((), "database of a CAN log (no --mapping)", metavar="FILE")
@@ -65,7 +67,7 @@ class ImportRequest(ProgramRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError; writes no bag unless all files can be read."""
-    parser = make_parser()
+    parser = terminal.parser(ImportRequest)
     request = parser.read(argv)
     if request.template:
         print(schema_line("import") + TEMPLATE, end="")
@@ -88,25 +90,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if request.json:
         print_document("import", {"bags": [log.as_json() for log in bags]})
     return 0
-
-
-def make_parser() -> terminal.Parser[ImportRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "import",
-        "Convert logs to bags. Without --mapping, the columns are found by their names, units and numbers, and what "
-        "was found is said; what is not certain is refused, and --propose writes a mapping to correct. The mapping "
-        "file says which columns hold time, position, current and force, and how to scale them to s, m, A and N. "
-        "One FILE becomes the bag --out; several FILEs become one bag each in the folder --out.",
-        "ces import my_log.csv --out recording\n"
-        "  ces import my_log.csv --propose > my_dyno.yaml\n"
-        "  ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings",
-        ImportRequest,
-        rules=(
-            never_with(ALL, "template", "does not apply with --template", but="template"),
-            never_with("json overwrite signals", "propose", "does not apply with --propose, which prints a mapping"),
-        ),
-    )
 
 
 def _propose(path: Path, request: ImportRequest) -> None:

@@ -45,7 +45,12 @@ class BagReport:
 
 @dataclass(frozen=True, kw_only=True)
 class InfoRequest(ProgramRequest):
-    """What `ces info` is asked for."""
+    """Inspect recordings: signals, rate, jitter, gaps, ranges in SI units, faults, and the distribution of time over
+    speed and current; or a model: its size, ranges and proof. The exit status is 2 if one cannot be used.
+    """
+
+    program = "info"
+    example = "ces info bags/sweep bags/noise"
 
     bags: tuple[str, ...] = declare(replace(BAGS, meaning=f"recordings: {BAGS_FORM}; or a MODEL.json"))
     signals: Path | None = declare(SIGNALS)
@@ -54,7 +59,7 @@ class InfoRequest(ProgramRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError, after the report if a bag cannot be used."""
-    request = make_parser().read(argv)
+    request = terminal.read(InfoRequest, argv)
     models = [Path(word) for word in request.bags if is_ours(Path(word))]
     if models and request.json:
         raise CesError(f"{models[0]}: a model is JSON already; omit --json, or the model")
@@ -75,17 +80,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             if finding.severity == ERROR:
                 raise RecordingError(f"{report.recording.source}: {finding.text}")
     return 0
-
-
-def make_parser() -> terminal.Parser[InfoRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "info",
-        "Inspect recordings: signals, rate, jitter, gaps, ranges in SI units, faults, and the distribution of time "
-        "over speed and current; or a model: its size, ranges and proof. The exit status is 2 if one cannot be used.",
-        "ces info bags/sweep bags/noise",
-        InfoRequest,
-    )
 
 
 def _inspect_bag(path: Path, signals: Signals) -> BagReport:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import find_bag
-from ces_cli.terminal.options import JSON, MODEL, ONE_BAG, OVERWRITE, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.options import MODEL, ONE_BAG, BagRequest, option
 from ces_cli.terminal.outputs import print_document
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.outputs import OUT, require_outputs
@@ -33,20 +33,25 @@ KEYS = ("position", "velocity", "effort")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayRequest(ProgramRequest):
+class ReplayRequest(BagRequest):
     """What `ces replay` is asked for."""
+
+    program = "replay"
+    about = (
+        "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "
+        f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort; {DELAYED_TOPIC}: the same of "
+        "a model with a delay; with _band: their bounds, if the model has a band)."
+    )
+    example = "ces replay model.json bags/road --out out/road_replayed"
 
     model: Path = declare(MODEL)
     bag: str = declare(ONE_BAG)
-    signals: Path | None = declare(SIGNALS)
     out: Path = option(meaning="bag folder to write", metavar="BAG2")
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(ReplayRequest, argv)
     path = find_bag(request.bag)
     require_outputs(request.overwrite, bags={OUT: request.out}, inputs=[request.model, path, request.signals])
     signals = load_signals(request.signals)
@@ -131,15 +136,3 @@ def _row(stamp_ns: int, x: float, v: float, force: float, half_width: float | No
 def _joint_states(topic: str, rows: NDArray[np.float64], columns: Mapping[str, int]) -> TopicData:
     values = {field: rows[:, column].astype(np.float64) for field, column in columns.items()}
     return TopicData(topic, TYPE, rows[:, 0].astype(np.int64), values)
-
-
-def make_parser() -> terminal.Parser[ReplayRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "replay",
-        "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "
-        f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort; {DELAYED_TOPIC}: the same of "
-        "a model with a delay; with _band: their bounds, if the model has a band).",
-        "ces replay model.json bags/road --out out/road_replayed",
-        ReplayRequest,
-    )

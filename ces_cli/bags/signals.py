@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, ProgramRequest, option
+from ces_cli.terminal.options import BAGS, OutputRequest, option
 from ces_cli.terminal.outputs import print_document, schema_line
 from ces_data.bags.find import find_bags
 from ces_data.mapping.choice import Choice, Selection
@@ -25,18 +25,22 @@ MAX_OTHERS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class SignalsRequest(ProgramRequest):
-    """What `ces signals` is asked for."""
+class SignalsRequest(OutputRequest):
+    """Propose a signals file from the topics that bags hold: which field is position, current and force, in which unit
+    and with which sign, with the reason for each guess, and with what could not be known. Without --out the file goes
+    to the standard output. Several bags have to have the same topics.
+    """
+
+    program = "signals"
+    example = "ces signals bags/noise --out my_signals.yaml"
 
     bags: tuple[str, ...] = declare(BAGS)
     out: Path | None = option(None, "signals file to write (YAML)", metavar="FILE")
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError if nothing looks like a signal."""
-    request = make_parser().read(argv)
+    request = terminal.read(SignalsRequest, argv)
     require_outputs(request.overwrite, {OUT: request.out})
     paths = find_bags(request.bags)
     with terminal.step("reading all topics"):
@@ -61,18 +65,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         step = by_hand if missing else f"ces info {paths[0]} --signals '{example}'"
         terminal.print_line(f"next:    {step}", console=terminal.err)
     return 0
-
-
-def make_parser() -> terminal.Parser[SignalsRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "signals",
-        "Propose a signals file from the topics that bags hold: which field is position, current and force, in which "
-        "unit and with which sign, with the reason for each guess, and with what could not be known. Without --out the "
-        "file goes to the standard output. Several bags have to have the same topics.",
-        "ces signals bags/noise --out my_signals.yaml",
-        SignalsRequest,
-    )
 
 
 def print_proposal(selection: Selection, console: Console, skipped: Mapping[str, str] | None = None) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, find_bag, find_file, open_simulation, with_predictions
-from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, PART, SIGNALS, ProgramRequest, option
+from ces_cli.terminal.options import ONE_BAG, PART, BagRequest, option
 from ces_cli.terminal.outputs import print_document
 from ces_data.outputs import OUT, require_outputs
 from ces_data.signals_file import load_signals
@@ -20,21 +20,23 @@ from ces_observer.records import declare
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulateRequest(ProgramRequest):
-    """What `ces simulate` is asked for."""
+class SimulateRequest(BagRequest):
+    """Run a simulation with the position and current of a recording and write time_s,force_N, one row for each position
+    sample (nan where the simulation returns no force, such as while an estimator warms up).
+    """
+
+    program = "simulate"
+    example = "ces simulate --sim model.json bags/road --out road.csv"
 
     bag: str = declare(ONE_BAG)
     sim: str = option(meaning=HELP, metavar="SIM")
-    signals: Path | None = declare(SIGNALS)
     part: tuple[float, ...] = declare(PART)
     out: Path = option(metavar="FILE.csv")
-    overwrite: bool = declare(OVERWRITE)
-    json: bool = declare(JSON)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(SimulateRequest, argv)
     path = find_bag(request.bag)
     inputs = [path, request.signals, find_file(request.sim)]
     require_outputs(request.overwrite, {OUT: request.out}, inputs=inputs)
@@ -58,14 +60,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         print(f"{len(force)} rows: {request.out}")
     return 0
-
-
-def make_parser() -> terminal.Parser[SimulateRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "simulate",
-        "Run a simulation with the position and current of a recording and write time_s,force_N, one row for each "
-        "position sample (nan where the simulation returns no force, such as while an estimator warms up).",
-        "ces simulate --sim model.json bags/road --out road.csv",
-        SimulateRequest,
-    )

@@ -73,7 +73,7 @@ def _as_seconds(text: str) -> str:
 
 
 @dataclass(frozen=True)
-class Job:
+class DeskJob:
     """A job: its folder, number, command line, state (`running`, `done` and others) and how long it has run [s]."""
 
     path: Path
@@ -93,14 +93,14 @@ class Job:
         return "\n".join(row for row, after in pairs if not (HEARTBEAT.match(row) and HEARTBEAT.match(after))).rstrip()
 
 
-def read_job(path: Path) -> Job:
+def read_job(path: Path) -> DeskJob:
     """Return the job in a folder; raises OSError."""
     command, log, status = path / COMMAND, path / LOG, path / STATUS
     word = status.read_text(encoding="utf-8").strip() if status.exists() else ""
     ended = STATES.get(word) or (word.replace("ended", "failed: status") if "ended" in word else "interrupted")
     state, end = (RUNNING, time.time()) if _is_locked(log) else (ended, log.stat().st_mtime)
     text, seconds = command.read_text(encoding="utf-8"), max(0.0, end - command.stat().st_mtime)
-    return Job(path, int(path.name.partition("_")[0]), text, state, seconds)
+    return DeskJob(path, int(path.name.partition("_")[0]), text, state, seconds)
 
 
 def _is_locked(path: Path) -> bool:
@@ -118,7 +118,7 @@ class Jobs:
     def __init__(self, root: Path) -> None:
         self._root, self._lock = root, threading.Lock()
 
-    def list(self) -> list[Job]:
+    def list(self) -> list[DeskJob]:
         """Return all jobs, the newest first."""
         paths = (path for path in self._root.iterdir() if NAME.fullmatch(path.name) and not path.is_symlink())
         jobs = (read_job(path) for path in paths if (path / COMMAND).is_file() and (path / LOG).is_file())

@@ -22,6 +22,13 @@ NEEDS = {"flask": "python3-flask", "plotly": "python3-plotly"}  # by module: the
 class ServeRequest(ProgramRequest):
     """What `ces serve` is asked for."""
 
+    program = "serve"
+    about = (
+        "Work in a folder with the browser: see recordings, choose a range, run programs, read their reports. Every "
+        "button shows its command; files stay in the folder. Ctrl-C ends it, but no job that runs."
+    )
+    example = "ces serve ."
+
     folder: Path = argument(meaning="the folder to work in", metavar="DIR")
     port: int = option(8000, "port to listen on; 0 for a free one", 0, 65535, metavar="N")
     signals: Path | None = declare(SIGNALS)
@@ -29,7 +36,7 @@ class ServeRequest(ProgramRequest):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program until Ctrl-C; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(ServeRequest, argv)
     if missing := [name for name in NEEDS if find_spec(name) is None]:
         apt = " ".join(NEEDS[name] for name in missing)
         raise CesError(f"{' and '.join(missing)}: not installed; pip install 'ces_observer[serve]' (apt install {apt})")
@@ -43,12 +50,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         server.serve_forever(poll_interval=0.2)
     print("stopped; a job that runs goes on")
     return 0
-
-
-def make_parser() -> terminal.Parser[ServeRequest]:
-    """Return the parser of the program."""
-    about = (
-        "Work in a folder with the browser: see recordings, choose a range, run programs, read their reports. Every "
-        "button shows its command; files stay in the folder. Ctrl-C ends it, but no job that runs."
-    )
-    return terminal.parser("serve", about, "ces serve .", ServeRequest)

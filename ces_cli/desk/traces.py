@@ -40,7 +40,7 @@ F = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
-class Trace:
+class SignalTrace:
     """A signal: ascending `time_s` [s], `values`, and `blocks`, the least and the largest of each BLOCK; NaN: none."""
 
     name: str
@@ -101,14 +101,14 @@ class _Reader(subprocess.Popen[bytes]):
             return f"{size_MB:.0f} MB, {share:.0%} in {took:.0f} s, {rest}"
         return f"{size_MB:.1f} MB, {took:.0f} s so far"
 
-    def load(self) -> list[Trace]:
+    def load(self) -> list[SignalTrace]:
         """Return what the process has read, mapped; raises CesError if it has failed."""
         if self.returncode != 0:
             lines = (self.folder / ERRORS).read_text(encoding="utf-8", errors="replace").splitlines()
             raise CesError([f"ended after {MAX_S} s, or for want of memory (status {self.returncode})", *lines][-1])
         names = json.loads((self.folder / NAMES).read_text(encoding="utf-8"))
         files = ([self.folder / f"{k}_{part}.npy" for part in ARRAYS] for k in range(len(names)))
-        return [Trace(*n, *(np.load(f, mmap_mode="r") for f in fs)) for n, fs in zip(names, files, strict=True)]
+        return [SignalTrace(*n, *(np.load(f, mmap_mode="r") for f in fs)) for n, fs in zip(names, files, strict=True)]
 
     def drop(self) -> None:
         """End the process and remove its files; what is mapped stays until it is let go."""
@@ -163,7 +163,7 @@ def main(path: str, out: str, signals: str) -> int:
         starts = {channel.name: int(channel.stamps_ns.min()) for channel in channels}
         start_ns = starts.get("position", min(starts.values(), default=0))  # as --part counts
         for number, channel in enumerate(channels):
-            trace = Trace.of(channel, start_ns)
+            trace = SignalTrace.of(channel, start_ns)
             for part in ARRAYS:
                 np.save(Path(out) / f"{number}_{part}.npy", getattr(trace, part))
         (Path(out) / NAMES).write_text(json.dumps([(c.name, c.unit) for c in channels]), encoding="utf-8")

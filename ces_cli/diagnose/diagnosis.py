@@ -12,20 +12,7 @@ from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import HELP, RECORDING, VEHICLE, import_from_here, open_simulation, with_predictions
-from ces_cli.terminal.options import (
-    FIT,
-    HELD_OUT,
-    JOBS,
-    JSON,
-    NOTE,
-    OVERWRITE,
-    PART,
-    REAL,
-    SIGNALS,
-    TITLE,
-    ProgramRequest,
-    option,
-)
+from ces_cli.terminal.options import FIT, HELD_OUT, JOBS, REAL, PageRequest, never_with, only_with, option
 from ces_cli.terminal.outputs import make_schemas, print_document, without_text
 from ces_cli.terminal.progress import DiagnoseProgress
 from ces_data.bags.find import find_bags
@@ -42,7 +29,7 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
 from ces_gap.report.gap_json import gap_content, shrink_of_ceiling
-from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
+from ces_gap.report.tables import calibration_table, cause_notes, cause_table, describe_explanation
 from ces_gap.result_files import REPORT, result_files
 from ces_identify.options import SEED, THREADS
 from ces_identify.simulations.simulation import Simulation
@@ -71,8 +58,30 @@ FREED = replace(
 
 
 @dataclass(frozen=True, kw_only=True)
-class DiagnoseRequest(ProgramRequest):
-    """What `ces diagnose` is asked for."""
+class DiagnoseRequest(PageRequest):
+    """Find where a simulation differs from recordings of the real damper, which missing effect is the cause, and how
+    far the gap shrinks with that effect added. Writes gap.json, augmented.json (the simulation with the effects, itself
+    a SIM), report.html and, where it would help, the next experiment.
+    """
+
+    program = "diagnose"
+    example = (
+        "ces diagnose --sim model.json --real worn/* --reference new/* --out gap\n"
+        "  ces diagnose --identify --reference new/* --real worn/* --out gap\n"
+        "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference new/* --out fleet_gap"
+    )
+    option_rules = (
+        only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
+        never_with(
+            "sim",
+            "identify",
+            "does not apply with --identify, which takes a model of the references as simulation; remove one",
+        ),
+        only_with("jobs", "each", "applies to fleets; add --each recording or --each vehicle"),
+        never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
+        never_with("title note", "each", "has no effect with --each: every unit has a page of its own"),
+        never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
+    )
 
     sim: str | None = option(None, HELP, metavar="SIM")
     identify: bool = option(
@@ -89,8 +98,6 @@ class DiagnoseRequest(ProgramRequest):
     held_out: tuple[str, ...] = declare(HELD_OUT)
     fit: tuple[str, ...] = declare(FREED)
     reference: tuple[str, ...] = declare(REFERENCE)
-    signals: Path | None = declare(SIGNALS)
-    part: tuple[float, ...] = declare(PART)
     out: Path = option(meaning="folder to write, created if necessary", metavar="DIR")
     effects: tuple[str, ...] = option(
         (),
@@ -118,10 +125,6 @@ class DiagnoseRequest(ProgramRequest):
         choices=(RECORDING, VEHICLE),
     )
     jobs: int | None = declare(replace(JOBS, group="fleets"))
-    title: str = declare(TITLE)
-    note: str = declare(NOTE)
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def run_diagnosis(request: DiagnoseRequest, command: str) -> None:
@@ -215,7 +218,6 @@ def take_simulation(
 
 def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], printed_notes: int = 0) -> None:
     """Print a diagnosis and the `files` written to `folder`; the first `printed_notes` notes are already printed."""
-    together = diagnosis.composition
     for text in diagnosis.notes[printed_notes:]:
         terminal.print_warning(text)
     name, style = diagnosis.verdict.replace("_", " ").upper(), f"bold {COLORS[diagnosis.verdict]}"
@@ -223,11 +225,8 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     _print_lines(_gap_lines(diagnosis))
     if diagnosis.causes and diagnosis.verdict != NO_GAP:
         terminal.print_table(terminal.lay_out(cause_table(diagnosis), lambda row: "bold" * (row.css == "named")))
-    parts = zip(together.effects, together.estimates, together.composition.settings, strict=True)
-    for k, (effect, estimates, setting) in enumerate(parts):
-        texts = list(map(str, describe_parameters(estimates, setting)))
-        texts += [f"without it {_newtons(together.without_N[k])} are left"] if together.without_N else []
-        _print_lines([f"{effect}: {', '.join(texts)}"] if texts else [])
+        _print_lines(cause_notes(diagnosis))
+    _print_lines(describe_explanation(diagnosis.composition))
     if (recalibration := calibration_table(diagnosis)) is not None:
         terminal.print_table(terminal.lay_out(recalibration))
     if diagnosis.probe.findings:

@@ -11,7 +11,6 @@ from pathlib import Path, PurePath
 from ces_cli.diagnose import diagnosis
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import FleetUnit, find_fleet_units, open_simulation, with_predictions
-from ces_cli.terminal.options import never_with, only_with
 from ces_cli.terminal.outputs import print_document
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
 from ces_data.bags.find import find_bags
@@ -23,6 +22,7 @@ from ces_data.signals_file import load_signals
 from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of
 from ces_gap.inputs.checks import is_seen
 from ces_gap.pipeline import diagnose
+from ces_gap.report.formatting import effect_name
 from ces_gap.result_files import result_files
 from ces_identify.jobs import DONE, FAILED, Row, Task, open_results
 from ces_identify.simulations.simulation import Simulation
@@ -31,43 +31,15 @@ from ces_observer.json_text import write_atomically
 from ces_observer.signals import Signals
 from ces_report.table import Column, Table, as_csv
 
-RULES = (
-    only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
-    never_with(
-        "sim",
-        "identify",
-        "does not apply with --identify, which takes a model of the references as simulation; remove one",
-    ),
-    only_with("jobs", "each", "applies to fleets; add --each recording or --each vehicle"),
-    never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
-    never_with("title note", "each", "has no effect with --each: every unit has a page of its own"),
-    never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
-)
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(diagnosis.DiagnoseRequest, argv)
     if request.each is not None:
         return run_fleet(request, request.each)
     require_outputs(request.overwrite, folders={OUT: request.out})
     diagnosis.run_diagnosis(request, terminal.command_line("diagnose", argv))
     return 0
-
-
-def make_parser() -> terminal.Parser[diagnosis.DiagnoseRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "diagnose",
-        "Find where a simulation differs from recordings of the real damper, which missing effect is the cause, and "
-        "how far the gap shrinks with that effect added. Writes gap.json, augmented.json (the simulation with the "
-        "effects, itself a SIM), report.html and, where it would help, the next experiment.",
-        "ces diagnose --sim model.json --real worn/* --reference new/* --out gap\n"
-        "  ces diagnose --identify --reference new/* --real worn/* --out gap\n"
-        "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference new/* --out fleet_gap",
-        diagnosis.DiagnoseRequest,
-        rules=RULES,
-    )
 
 
 RESULTS = "fleet.jsonl"
@@ -186,7 +158,7 @@ def describe_verdict(row: Row) -> str:
     """Return the verdict with the effects that it names; the reason of a row without a diagnosis."""
     if row["status"] != DONE:
         return str(row["reason"])
-    effects = " + ".join(effect.replace("_", " ") for effect in row["effects"])
+    effects = " + ".join(map(effect_name, row["effects"]))
     verdict = str(row["verdict"]).replace("_", " ")
     return f"{verdict}: {effects}" if effects else verdict
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from ces_cli.identify.request import OUT, IdentifyProgramRequest
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import print_warnings, with_distinct_names
-from ces_cli.terminal.options import ALL, never_with, only_with
 from ces_cli.terminal.outputs import print_document, without_text
 from ces_cli.terminal.progress import JobsProgress, report_failures, run_jobs
 from ces_data.checks.check import check_each, require_sound
@@ -32,16 +31,6 @@ WORDS = {FRONT: "front", BEST: "recommended"}  # marks in files for other progra
 SELECTION_NOTE = (
     "The selection cost, which the search used, decides the front and the recommendation; the validation costs beside "
     "it decide nothing."
-)
-CAMPAIGN_RULES = (
-    never_with("part", "campaign", "does not apply to campaigns; record or export shorter recordings"),
-    only_with("jobs", "campaign", "applies to campaigns; add --campaign FILE.yaml (for threads use --threads)"),
-    never_with(
-        ALL,
-        "campaign",
-        "has no effect with --campaign; set it in {campaign} instead",
-        but="campaign jobs out json ignore_findings",
-    ),
 )
 
 

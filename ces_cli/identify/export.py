@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, OptionRule, ProgramRequest, option
+from ces_cli.terminal.options import MODEL, OptionRule, OutputRequest, option
 from ces_cli.terminal.outputs import print_document, without_text
 from ces_data.outputs import OUT, require_outputs
 from ces_identify.export import export_model
@@ -27,29 +27,47 @@ FORM = ", ".join(f"FILE.{kind} ({what})" for kind, what in FORMATS.items())
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(ProgramRequest):
-    """What `ces export` is asked for."""
+class ExportRequest(OutputRequest):
+    """Write a model as a flat file, which the C++ node of the package ces_observer_cpp loads while it runs; as C99 for
+    a microcontroller, the numbers of the model with their header and the core, which is the same for every model; or as
+    an FMU for co-simulation (FMI 2.0) that contains the same C code, compiled for this machine and as source for
+    others. All compute what the observer computes, with its reasons for withholding a force, and with the estimates of
+    a model with a delay; the C needs only math.h and allocates no memory. The FMU takes position [m] and current [A]
+    and returns force [N], speed [m/s], valid, clamped and reason. Every communication point is a sample; any spacing
+    works, best is the model's rate.
+    """
+
+    program = "export"
+    example = (
+        "ces export model.json --out rear_damper.ces\n  ces export model.json --out rear_damper.c\n"
+        "  ces export model.json --out rear_damper.fmu"
+    )
+    option_rules = (
+        OptionRule(
+            "sources_only",
+            lambda values: values["out"].suffix == ".fmu",
+            "applies to an FMU only; remove it",
+        ),
+    )
 
     model: Path = declare(MODEL)
     out: Path = option(meaning=FORM, metavar="FILE")
-    format: str | None = option(None, "default: from the suffix of FILE", choices=tuple(FORMATS))
     name: str | None = option(
         None, "name of the model, prefix of every identifier in C (default: from FILE)", metavar="NAME"
     )
     sources_only: bool = option(False, "write an FMU without a binary; needs no C compiler")
     allow_uncertified: bool = option(False, "export a model whose stability cannot be proved (unsafe)")
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
-    kind, out = _kind(request.out, request.format), request.out
+    request = terminal.read(ExportRequest, argv)
+    kind, out = _kind(request.out), request.out
     outputs: dict[OptionName | str, Path | None] = {OUT: out}
     for name in _names_beside(out) if kind == "c" else ():
-        if not _is_shared(out.with_name(name)):
-            outputs[f"the file {name} beside it"] = out.with_name(name)
+        beside = out.with_name(name)
+        if not (name in export_model.CORE and beside.is_file() and PRINTED in beside.read_bytes()):
+            outputs[f"the file {name} beside it"] = beside
     require_outputs(request.overwrite, outputs, inputs=[request.model])
     with without_text(request.json):
         certificate = _export(request, kind)
@@ -67,38 +85,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def make_parser() -> terminal.Parser[ExportRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "export",
-        "Write a model as a flat file, which the C++ node of the package ces_observer_cpp loads while it runs; as "
-        "C99 for a microcontroller, the numbers of the model with their header and the core, which is the same for "
-        "every model; or as an FMU for co-simulation (FMI 2.0) that contains the same C code, compiled for this "
-        "machine and as source for others. All compute what the observer computes, with its reasons for "
-        "withholding a force, and with the estimates of a model with a delay; the C needs only math.h and "
-        "allocates no memory. The FMU takes position [m] and current [A] and returns force [N], speed [m/s], "
-        "valid, clamped and reason. Every communication point is a sample; any spacing works, best is the model's "
-        "rate.",
-        "ces export model.json --out rear_damper.ces\n  ces export model.json --out rear_damper.c\n"
-        "  ces export model.json --format fmu --out rear_damper.fmu",
-        ExportRequest,
-        rules=(
-            OptionRule(
-                "sources_only",
-                lambda values: (values["format"] or values["out"].suffix.removeprefix(".")) == "fmu",
-                "applies to an FMU only; remove it",
-            ),
-        ),
-    )
-
-
 def _names_beside(out: Path) -> tuple[str, ...]:
     """Return the names of the files that are written beside FILE.c."""
     return out.with_suffix(".h").name, *export_model.CORE
-
-
-def _is_shared(path: Path) -> bool:
-    return path.name in export_model.CORE and path.is_file() and PRINTED in path.read_bytes()
 
 
 def _export(request: ExportRequest, kind: str) -> Certificate:
@@ -127,10 +116,10 @@ def _export(request: ExportRequest, kind: str) -> Certificate:
     return certificate
 
 
-def _kind(out: Path, form: str | None) -> str:
-    kind = form or out.suffix.removeprefix(".")
-    if kind not in FORMATS or out.suffix != f".{kind}":
-        allowed = [f".{name} ({what})" for name, what in FORMATS.items() if form in (None, name)]
+def _kind(out: Path) -> str:
+    kind = out.suffix.removeprefix(".")
+    if kind not in FORMATS:
+        allowed = [f".{name} ({what})" for name, what in FORMATS.items()]
         raise CesError(f"{out}: expected a name that ends in {' or '.join(allowed)}")
     return kind
 

@@ -8,12 +8,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
+from ces_cli.identify.campaign import run_campaign
 from ces_cli.identify.request import IdentifyProgramRequest
 from ces_cli.terminal import terminal
 from ces_cli.terminal.heartbeat import heartbeat
 from ces_cli.terminal.inputs import find_file, open_simulation, print_warnings, with_distinct_names, with_teacher_force
-from ces_cli.terminal.options import ALL, NEED_REPORT, never_with
 from ces_cli.terminal.outputs import name_report, print_document, schema_line, without_text
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.results import (
@@ -29,7 +28,7 @@ from ces_data.bags.find import find_bags
 from ces_data.checks.check import check_together, require_sound
 from ces_data.checks.content import require_distinct
 from ces_data.findings import Finding
-from ces_data.outputs import OUT, OVERWRITE, REPORT, require_outputs
+from ces_data.outputs import OUT, OVERWRITE, REPORT, require_model_name, require_outputs
 from ces_data.recording import Recording, describe_days
 from ces_data.signals_file import load_signals
 from ces_gap.augmented import file_of
@@ -46,7 +45,6 @@ from ces_identify.options import IdentifyRequest
 from ces_identify.polynomial.rules_file import built_in_rules
 from ces_identify.prepare.cost import Weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion
-from ces_identify.structures import KITS
 from ces_identify.structures.auto import REASON, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent, round_finite, teacher_facts
@@ -58,18 +56,13 @@ from ces_observer.proof.certificate import summarize
 from ces_report.shell import PageHead
 from ces_report.table import text_table
 
-RULES = (
-    *CAMPAIGN_RULES,
-    NEED_REPORT,
-    never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
-)
 MIN_MODEL_SHARE, TOLERANCE = 0.7, 1.2  # of a time limit: for the model at least, and that counts as met
 TAIL_TIMES = 1.0  # that tables and report take as long as start and reading did on this machine (measured: 0.8 to 1.1)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(IdentifyProgramRequest, argv)
     if request.show_candidates:
         print(schema_line("candidates") + built_in_rules(request.model.method), end="")
         return 0
@@ -129,6 +122,7 @@ def prepare_identification(request: IdentifyProgramRequest) -> Identification:
     report = name_report(request.report, [request.out.stem], [path.stem for path in tested])
     inputs = [*paths[0], *paths[1], request.signals, find_file(request.teacher or "")]
     inputs += [candidates] if isinstance(candidates, Path) else []
+    require_model_name(request.out)
     require_outputs(request.overwrite, {OUT: request.out, REPORT: report}, inputs=inputs)
     how = request.model.options()
     measured, (bags, validation) = _read_recordings(paths, request)
@@ -323,15 +317,3 @@ def _as_json(result: IdentificationResult, folds: CrossValidation | None, work: 
         "findings": work.findings,
         "report": work.report,
     }
-
-
-def make_parser() -> terminal.Parser[IdentifyProgramRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "identify",
-        "Identify a model of the damping force from one or more recordings. The free-run cost selects the model, and "
-        f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}.",
-        "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
-        IdentifyProgramRequest,
-        rules=RULES,
-    )

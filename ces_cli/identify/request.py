@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from ces_cli.terminal.options import (
+    ALL,
     BAGS_FORM,
     JOBS,
     JSON,
+    NEED_REPORT,
     NOTE,
     OVERWRITE,
     PART,
@@ -21,8 +23,11 @@ from ces_cli.terminal.options import (
     ProgramRequest,
     Values,
     as_field,
+    never_with,
+    only_with,
 )
 from ces_identify.options import POLYNOMIALS, IdentifyRequest, list_options
+from ces_identify.structures import KITS
 from ces_observer.errors import CesError
 from ces_observer.options import Option, as_parameter, given_values, in_group
 
@@ -75,6 +80,27 @@ def list_shared() -> tuple[Option, ...]:
 @dataclass(frozen=True, kw_only=True)
 class IdentifyProgramRequest(ProgramRequest):
     """What `ces identify` is asked for: which files go in and out, and the `model` to identify."""
+
+    program = "identify"
+    about = (
+        "Identify a model of the damping force from one or more recordings. The free-run cost selects the model, and "
+        f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}."
+    )
+    example = (
+        "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html"
+    )
+    option_rules = (
+        never_with("part", "campaign", "does not apply to campaigns; record or export shorter recordings"),
+        only_with("jobs", "campaign", "applies to campaigns; add --campaign FILE.yaml (for threads use --threads)"),
+        never_with(
+            ALL,
+            "campaign",
+            "has no effect with --campaign; set it in {campaign} instead",
+            but="campaign jobs out json ignore_findings",
+        ),
+        NEED_REPORT,
+        never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
+    )
 
     bags: tuple[Path, ...] = ()
     validate: tuple[Path, ...] = ()

@@ -9,22 +9,7 @@ from typing import Any
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.inputs import print_findings, print_warnings, with_distinct_names
-from ces_cli.terminal.options import (
-    BAGS,
-    BAGS_FORM,
-    JSON,
-    MODEL,
-    NEED_REPORT,
-    NOTE,
-    OVERWRITE,
-    PART,
-    REPORT,
-    SIGNALS,
-    TITLE,
-    ProgramRequest,
-    only_with,
-    option,
-)
+from ces_cli.terminal.options import BAGS, BAGS_FORM, MODEL, NEED_REPORT, ReportRequest, only_with, option
 from ces_cli.terminal.outputs import name_report, print_document, without_text
 from ces_cli.terminal.results import cost_rows, held_out_row, model_facts, print_band, print_costs
 from ces_data.bags.find import find_bags
@@ -51,29 +36,40 @@ ROUNDING = 1e-9  # relative
 
 
 @dataclass(frozen=True, kw_only=True)
-class ValidateRequest(ProgramRequest):
-    """What `ces validate` is asked for."""
+class ValidateRequest(ReportRequest):
+    """Evaluate a model by the cost J of its free run on recordings with a measured force, with the interval of J, the
+    noise floor where cycles repeat, tests of the residuals, and the regions with the largest error. Or prove its
+    stability again.
+    """
+
+    program = "validate"
+    example = (
+        "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
+        "  ces validate model.json --certificate"
+    )
+    option_rules = (
+        NEED_REPORT,
+        only_with(
+            "report part weight signals overwrite",
+            "bags",
+            "applies to recordings; name them: ces validate MODEL.json BAG...",
+        ),
+    )
+    intermixed = True
 
     model: Path = declare(MODEL)
     bags: tuple[str, ...] = declare(replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"))
-    signals: Path | None = declare(SIGNALS)
-    part: tuple[float, ...] = declare(PART)
     weight: tuple[str, ...] = declare(
         replace(WEIGHT, meaning=f"also show J with W times the weight for ticks in this region: {REGIONS}")
     )
     certificate: bool = option(
         False, "prove the model stable again; exit status 1 if it cannot be proved, or the file claims more"
     )
-    report: Path | None = declare(REPORT)
-    title: str = declare(TITLE)
-    note: str = declare(NOTE)
-    json: bool = declare(JSON)
-    overwrite: bool = declare(OVERWRITE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    request = make_parser().read(argv)
+    request = terminal.read(ValidateRequest, argv)
     paths = find_bags(request.bags)
     report = name_report(request.report, [request.model.stem], [path.stem for path in paths])
     outputs = {REPORT_FILE: report}
@@ -89,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if evaluations:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
             title = f"{request.model}: {describe_size(model)}"
-            print_costs(evaluations, title, weighting, exact=False)
+            print_costs(evaluations, title, weighting)
             with terminal.step("finding what the error depends on"):
                 lines = head_lines(model, evaluations)
             for line in lines:
@@ -217,25 +213,3 @@ def _find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str
 def _number(stored: Mapping[str, Any] | None, key: str) -> float | None:
     value = (stored or {}).get(key)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def make_parser() -> terminal.Parser[ValidateRequest]:
-    """Return the parser of the program."""
-    return terminal.parser(
-        "validate",
-        "Evaluate a model by the cost J of its free run on recordings with a measured force, with the interval of J, "
-        "the noise floor where cycles repeat, tests of the residuals, and the regions with the largest error. Or prove "
-        "its stability again.",
-        "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
-        "  ces validate model.json --certificate",
-        ValidateRequest,
-        rules=(
-            NEED_REPORT,
-            only_with(
-                "report part weight signals overwrite",
-                "bags",
-                "applies to recordings; name them: ces validate MODEL.json BAG...",
-            ),
-        ),
-        intermixed=True,
-    )

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from math import inf
 from pathlib import Path
-from typing import Any, Self, get_args, get_type_hints
+from typing import Any, ClassVar, Self, get_args, get_type_hints
 
 from ces_observer.errors import CesError
 from ces_observer.fields import REQUIRED
@@ -19,35 +19,6 @@ from ces_observer.records import FIELD, declare
 
 Values = Mapping[str, Any]  # of options, by their names
 ALL = "*"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProgramRequest:
-    """The base of what programs are asked for: frozen dataclasses, each field of which is declared by an option."""
-
-    @classmethod
-    def options(cls) -> tuple[Option, ...]:
-        """Return the options of the program, named as the fields, with the kinds of their annotations."""
-        hints = get_type_hints(cls)
-        return tuple(_as_annotated(replace(f.metadata[FIELD], name=f.name), hints[f.name]) for f in fields(cls))
-
-    @classmethod
-    def of(cls, values: Values, given: Collection[str]) -> Self:
-        """Return the request for the values of all its options, of which the user has `given` some by name."""
-        return cls(**{option.name: as_field(option, values[option.name]) for option in cls.options()})
-
-
-def _as_annotated(option: Option, hint: Any) -> Option:
-    kind = next((kind for kind in get_args(hint) or (hint,) if kind in (int, float, str, Path)), bool)
-    return replace(option, kind=kind)
-
-
-def as_field(option: Option, value: Any) -> Any:
-    """Return the value of an option as a request has it: a path as a Path, several values as a tuple."""
-    make = Path if option.kind is Path else lambda item: item
-    if isinstance(value, list | tuple):
-        return tuple(map(make, value))
-    return value if value is None else make(value)
 
 
 @dataclass(frozen=True)
@@ -66,6 +37,49 @@ class OptionRule:
     def concerns(self, name: str) -> bool:
         """Return whether the rule is about the option `name`."""
         return name not in self.but.split() if self.names == ALL else name in self.names.split()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramRequest:
+    """The base of what programs are asked for: frozen dataclasses, each field of which is declared by an option.
+
+    `program` is its name, `about` what it does (if empty, the docstring says it), `example` lines that show it;
+    `option_rules` say which options apply together. With `intermixed`, arguments may follow options. `parts` are the
+    requests of subprograms by name.
+    """
+
+    program: ClassVar[str] = ""
+    about: ClassVar[str] = ""
+    example: ClassVar[str] = ""
+    option_rules: ClassVar[Sequence[OptionRule]] = ()
+    intermixed: ClassVar[bool] = False
+    parts: ClassVar[Mapping[str, type[ProgramRequest]]] = {}
+
+    @classmethod
+    def options(cls) -> tuple[Option, ...]:
+        """Return the options, those of its own before those of its bases, with the kinds of their annotations."""
+        hints, settings = get_type_hints(cls), {f.name: f.metadata[FIELD] for f in fields(cls)}
+        names = dict.fromkeys(name for base in cls.__mro__ for name in vars(base).get("__annotations__", ()))
+        own = [name for name in names if name in settings]
+        return tuple(_as_annotated(replace(settings[name], name=name), hints[name]) for name in own)
+
+    @classmethod
+    def of(cls, values: Values, given: Collection[str]) -> Self:
+        """Return the request for the values of all its options, of which the user has `given` some by name."""
+        return cls(**{option.name: as_field(option, values[option.name]) for option in cls.options()})
+
+
+def _as_annotated(option: Option, hint: Any) -> Option:
+    kind = next((kind for kind in get_args(hint) or (hint,) if kind in (int, float, str, Path)), bool)
+    return replace(option, kind=kind)
+
+
+def as_field(option: Option, value: Any) -> Any:
+    """Return the value of an option as a request has it: a path as a Path, several values as a tuple."""
+    make = Path if option.kind is Path else lambda item: item
+    if isinstance(value, list | tuple):
+        return tuple(map(make, value))
+    return value if value is None else make(value)
 
 
 def only_with(names: str, other: str, reason: str) -> OptionRule:
@@ -178,3 +192,34 @@ OVERWRITE = Option("overwrite", False, "replace outputs that exist (default: ref
 JSON = Option("json", False, "print JSON for other programs instead of tables")
 RIG_SEED = Option("seed", None, "random seed", 0, 2**31, kind=int, none="the experiment's own", metavar="N")
 JOBS = Option("jobs", None, "processes", 1, 256, kind=int, none="all processors", metavar="N")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputRequest(ProgramRequest):
+    """A request of what writes files and says what it did."""
+
+    json: bool = declare(JSON)
+    overwrite: bool = declare(OVERWRITE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagRequest(OutputRequest):
+    """A request that signals files describe the bags of."""
+
+    signals: Path | None = declare(SIGNALS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageRequest(BagRequest):
+    """A request of a page about recordings, or parts of them."""
+
+    part: tuple[float, ...] = declare(PART)
+    title: str = declare(TITLE)
+    note: str = declare(NOTE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportRequest(PageRequest):
+    """A request of figures, and of a page only with --report."""
+
+    report: Path | None = declare(REPORT)

@@ -27,11 +27,9 @@ from ces_observer.model import Model
 from ces_report.table import Table, text_table
 
 
-def print_costs(
-    evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL, exact: bool = True
-) -> None:
+def print_costs(evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL) -> None:
     """Print the costs, also of all held-out recordings together, why figures are missing, and warnings."""
-    table = lay_out(cost_table(evaluations, title, weighting, exact))
+    table = lay_out(cost_table(evaluations, title, weighting))
     table.columns[0].min_width = min(14, max(len(e.name) for e in evaluations))
     table.columns[1].no_wrap = True
     table.rows[-1].end_section = True
@@ -116,10 +114,11 @@ def model_facts(model: Model) -> dict[str, Any]:
 
 
 def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:
-    """Print what the column `band %` shows, if the model has a band."""
-    if model.band is None:
+    """Print what the column `band %` shows, if the model has a band there."""
+    halves = (e.half_width[e.series.scored] for e in evaluations if e.half_width is not None)
+    widths = [float(known.mean()) for half in halves if len(known := half[np.isfinite(half)])]
+    if model.band is None or not widths:
         return
-    widths = [float(np.mean(e.half_width[e.series.scored])) for e in evaluations if e.half_width is not None]
     print(
         f"band: meant to hold {100 * model.band.level:.0f} % of the measured forces, sensor noise included; column "
         f"'band %' is the share it holds; mean half-width {describe_range(min(widths), max(widths))} N"

@@ -12,7 +12,7 @@ import textwrap
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -95,31 +95,27 @@ class Parser(argparse.ArgumentParser, Generic[Request]):
         self.exit(USER_ERROR, f"{text}\n")
 
 
-def parser(
-    name: str,
-    about: str,
-    example: str,
-    request: type[Request],
-    rules: Sequence[OptionRule] = (),
-    intermixed: bool = False,
-    parts: Mapping[str, tuple[str, str, type[Request]]] | None = None,
-) -> Parser[Request]:
-    """Return the parser of the program `ces NAME`, which makes a request.
+def read(request: type[Request], argv: Sequence[str] | None = None) -> Request:
+    """Return the request that the words make, by default those of this process; raises CesError."""
+    return parser(request).read(argv)
 
-    Its `parts` are subprograms by name, each with what it does, an example and a request of its own.
-    """
 
-    def texts(about: str, example: str) -> dict[str, Any]:
-        head = {"description": textwrap.fill(about, 100), "epilog": f"example:\n  {example}"}
+def parser(request: type[Request]) -> Parser[Request]:
+    """Return the parser of the program that makes a request, and of its parts."""
+
+    def texts(of: type[ProgramRequest]) -> dict[str, Any]:
+        about = of.about or " ".join((of.__doc__ or "").split())
+        head = {"description": textwrap.fill(about, 100), "epilog": f"example:\n  {of.example}"}
         return {**head, "formatter_class": argparse.RawDescriptionHelpFormatter}
 
-    made = Parser[Request](prog=f"ces {name}", **texts(about, example))
-    made.request, made.rules, made.intermixed = request, rules, intermixed
+    made = Parser[Request](prog=f"ces {request.program}", **texts(request))
+    made.request, made.rules, made.intermixed = request, request.option_rules, request.intermixed
     add_options(made, *request.options())
-    if parts:
-        inner = made.add_subparsers(metavar="|".join(parts), required=True)
-        for word, (does, line, own) in parts.items():
-            part = inner.add_parser(word, help=does, **texts(f"{does.capitalize()}.", line))
+    if request.parts:
+        inner = made.add_subparsers(metavar="|".join(request.parts), required=True)
+        for word, own in request.parts.items():
+            does = (own.__doc__ or "").rstrip(".")
+            part = inner.add_parser(word, help=f"{does[0].lower()}{does[1:]}", **texts(own))
             add_options(part, *own.options())
             part.set_defaults(**{PART: own})
     return made

@@ -1,19 +1,28 @@
-"""Messages of ROS 1 and JSON inside MCAP files, as those of ROS 2: their definitions, and their bytes as CDR."""
+"""What is not of ROS 2 as if it were: ROS 1 bags (`.bag`), and messages of ROS 1 and JSON inside MCAP files.
+
+Definitions become those of ROS 2, messages CDR; those of a bag come as blocks in recorded order.
+"""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from ces_data.bags.decode import StoredTopic
+from ces_data.bags.decode import Block, StoredTopic
+from ces_data.config_file import first_line
+from ces_observer.errors import RecordingError
 
 SEPARATOR = "=" * 80 + "\n"
 HEADER_SECTION, SEQUENCE = "MSG: std_msgs/Header\n", "uint32 seq\n"
@@ -116,3 +125,40 @@ def _number(value: Any) -> float:
 
 def _name(key: str) -> str:
     return re.sub(r"\W|^(?=[\d_])", "_", key).strip("_") or "field"
+
+
+SUFFIX = ".bag"
+BATCH = 5_000  # messages per block
+
+
+def list_topics(path: Path) -> tuple[StoredTopic, ...]:
+    """Return the topics of a bag, with definitions as ROS 2 has them; raises RecordingError if it is damaged."""
+    with _reading(path) as reader:
+        return _list_stored(reader.connections)
+
+
+def blocks(path: Path, topics: Sequence[int]) -> Iterator[Block]:
+    """Yield the messages of these topics; raises RecordingError if the bag is damaged."""
+    with _reading(path) as reader:
+        connections = [c for c in reader.connections if c.id in set(topics)]
+        convert = {topic.id: make_converter(topic) for topic in _list_stored(connections)}
+        messages = reader.messages(connections=connections)
+        while batch := list(islice(messages, BATCH)):
+            payloads = [convert[c.id](raw) for c, _, raw in batch]
+            yield Block.join(payloads, [c.id for c, _, _ in batch], [stamp_ns for _, stamp_ns, _ in batch])
+
+
+def _list_stored(connections: Iterable[Connection]) -> tuple[StoredTopic, ...]:
+    return tuple(StoredTopic(c.id, c.topic, c.msgtype, as_ros2(c.msgdef.data), "cdr", c.msgcount) for c in connections)
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[Reader]:
+    try:
+        with Reader(path) as reader:
+            yield reader
+    except (RecordingError, GeneratorExit):
+        raise
+    except Exception as error:  # a damaged file makes rosbags raise errors of any kind
+        reason = f"{first_line(error).rstrip('.')}; 'rosbag reindex' may repair it"
+        raise RecordingError(f"{path}: not a ROS 1 bag, or damaged: {reason}") from error

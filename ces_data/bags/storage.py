@@ -27,9 +27,9 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from ces_data.bags import mcap, rosbag1, sqlite
+from ces_data.bags import foreign, mcap, sqlite
 from ces_data.bags.decode import Block, StoredTopic
-from ces_data.bags.foreign import Convert, adopt
+from ces_data.bags.foreign import Convert
 from ces_data.config_file import first_line
 from ces_data.log_formats import explain_import, is_foreign
 from ces_observer.errors import RecordingError
@@ -75,7 +75,7 @@ class DataFile:
             waiting -= first.keys()
             if not waiting:
                 break
-        adopted = {topic.id: adopt(topic, first.get(topic.id, b"")) for topic in topics}
+        adopted = {topic.id: foreign.adopt(topic, first.get(topic.id, b"")) for topic in topics}
         convert = {number: convert for number, (_, convert) in adopted.items() if convert}
         return cls(path, (stored,), tuple(topic for topic, _ in adopted.values()), interrupted, convert)
 
@@ -83,8 +83,8 @@ class DataFile:
         """Yield the messages of these topics, and in an MCAP file of the others, too."""
         if self.path.suffix == ".mcap":
             return map(self._as_cdr, mcap.blocks(self.path, interrupted=self.interrupted))
-        if self.path.suffix == rosbag1.SUFFIX:
-            return rosbag1.blocks(self.path, topics)
+        if self.path.suffix == foreign.SUFFIX:
+            return foreign.blocks(self.path, topics)
         return sqlite.blocks(self.path, topics)
 
     def _as_cdr(self, block: Block) -> Block:
@@ -225,8 +225,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
 def _open(path: Path, opened: ExitStack) -> Bag:
     if path.is_dir() and not (path / METADATA).exists():
         return opened.enter_context(_open_interrupted_bag(path))
-    if path.suffix == rosbag1.SUFFIX and path.is_file():
-        topics = rosbag1.list_topics(path)
+    if path.suffix == foreign.SUFFIX and path.is_file():
+        topics = foreign.list_topics(path)
         return Bag(path, topics, (DataFile(path, (path,), topics),))
     try:
         reader = Reader(path)
@@ -237,9 +237,9 @@ def _open(path: Path, opened: ExitStack) -> Bag:
         for file in path.glob("*.mcap") if path.is_dir() else [path]:
             if file.suffix == ".mcap":
                 mcap.require_complete(file)
-                foreign = DataFile.of_mcap(file, file)
+                whole = DataFile.of_mcap(file, file)
                 if path == file and any(topic.encoding != "cdr" for topic in mcap.list_topics(file)):
-                    return Bag(path, foreign.topics, (foreign,))
+                    return Bag(path, whole.topics, (whole,))
         if path.is_file() and path.suffix not in (".mcap", ".db3"):
             what = "neither a bag (a folder, or .mcap) nor a log that is read here, such as .csv, .mat or .parquet"
             raise RecordingError(f"{path}: is {what}; save it as one of these") from None

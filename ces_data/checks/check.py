@@ -16,8 +16,7 @@ import numpy as np
 from ces_data.arrays import F, I
 from ces_data.checks.delays import delay_findings, force_delay, sign_findings
 from ces_data.checks.derivatives import derivative_findings
-from ces_data.checks.drift import find_clock_drift, find_drift_within
-from ces_data.checks.jumps import split_spikes
+from ces_data.checks.jumps import find_clock_drift, find_drift_within, split_spikes
 from ces_data.checks.motion import is_constant, join_motions, recorded_motion
 from ces_data.checks.sensors import current_findings, rate_findings, saturation_findings, sensor_findings
 from ces_data.checks.units import find_exchange, half_span, ratio_findings, unit_findings

@@ -264,6 +264,18 @@ def unit_against_model(measured: F, simulated: F) -> Iterator[Finding]:
     yield Finding(WRONG_MODEL, f"force: {slope:.3g} times as large as the model's; {remedy}", "force")
 
 
+def explain_simulation(measured: F, simulated: F) -> str:
+    """Return that a simulation's force (n,) is the measured one of opposite sign, or in another unit; '' if neither."""
+    if measured.std() == 0.0 or not 0.0 < simulated.std() < np.inf:
+        return ""
+    correlation, slope = float(np.corrcoef(measured, simulated)[0, 1]), float(measured.std() / simulated.std())
+    if correlation < -RatioLimits.MIN_CORRELATION:
+        return "the simulated force has the opposite sign; force and position are positive in compression"
+    if correlation < RatioLimits.MIN_CORRELATION or 1.0 / RatioLimits.SPREAD < slope < RatioLimits.SPREAD:
+        return ""
+    return f"the measured force is {slope:.3g} times as large as the simulated one; are both in N?"
+
+
 def signs_against_model(cost: float, reversed_cost: float) -> Iterator[Finding]:
     """Yield a finding if a model follows a recording better by far with position and force both reversed.
 

@@ -55,7 +55,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 @dataclass
-class _Cells:
+class _CellRows:
     """A column: numbers (NaN: none), rows without one, the first bad cell; `texts` of dates and long numbers."""
 
     texts: list[str] | None
@@ -179,7 +179,7 @@ class CsvTable(LogTable):
         """The number of columns, with or without a name."""
         return max(len(self.names), len(self._columns))
 
-    def _cells(self, key: str | int) -> tuple[_Cells, str]:
+    def _cells(self, key: str | int) -> tuple[_CellRows, str]:
         i = self._index(key, self.width)
         name = f"'{self.names[i]}'" if i < len(self.names) else str(key)
         if i >= len(self._columns):
@@ -195,11 +195,11 @@ class CsvTable(LogTable):
         self._dates[at] = [(before or texts)[0], texts[-1]], int(stamps[-1])
         return stamps
 
-    def _begin_block(self, columns: Sequence[_Cells]) -> None:
+    def _begin_block(self, columns: Sequence[_CellRows]) -> None:
         """Begin a block without rows; the columns of the block before say which are text."""
         self._lines = array("q")
         self.breaks: dict[int, bool] = {}
-        self._columns = [_Cells(None if cells.texts is None else []) for cells in columns]
+        self._columns = [_CellRows(None if cells.texts is None else []) for cells in columns]
         self._dates_before = self._dates if columns else {}
         self._dates: dict[int, tuple[list[str], int]] = {}  # by column: the first text of all and the last, its stamp
 
@@ -222,7 +222,7 @@ class CsvTable(LogTable):
                     is_text = (
                         self._is_dated(at) or csv_cells.is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
                     )
-                    self._columns.append(_Cells([] if is_text else None))
+                    self._columns.append(_CellRows([] if is_text else None))
                 missing = (None,) * len(rows)
                 for column, cells in zip(self._columns, chain(zip_longest(*rows), repeat(missing)), strict=False):
                     self._add(column, first, cells)
@@ -345,7 +345,7 @@ class CsvTable(LogTable):
         self._comments += comment
         return not in_head and not comment
 
-    def _add(self, column: _Cells, row: int, cells: Sequence[str | None]) -> None:
+    def _add(self, column: _CellRows, row: int, cells: Sequence[str | None]) -> None:
         """Add the cells of rows from `row` on, at once if all are numbers; None stands for one that is missing."""
         mark = self.dialect.decimal
         if column.texts is None and None not in cells:

@@ -21,7 +21,8 @@ TEXT = "OUST"  # of text
 class FrameTable(LogTable):
     """The columns of a DataFrame, or of a mapping of arrays, in which a single number stands for all rows.
 
-    An index that has a name, or holds times, is the first column. `name` is the recording's, and stands for a file's.
+    An index that has a name, or holds dates, durations or fractions, is the first column. `name` is that of the
+    recording, and stands for a file's.
     """
 
     def __init__(self, content: Any, name: str) -> None:
@@ -69,11 +70,12 @@ def is_frame(content: object) -> bool:
 
 
 def _frame_columns(frame: Any) -> list[tuple[str, Any]]:
-    """Return names and values of a DataFrame's columns, an index of times or with a name first."""
+    """Return names and values of a DataFrame's columns, an index that numbers no rows first."""
     columns = [(_name(name), frame.iloc[:, i]) for i, name in enumerate(frame.columns)]
     index = frame.index
-    if getattr(index, "nlevels", 1) == 1 and (index.name is not None or np.dtype(_kind(index)).kind in TIMES):
-        columns.insert(0, (_name("time" if index.name is None else index.name), index))
+    if getattr(index, "nlevels", 1) == 1 and (index.name is not None or np.dtype(_kind(index)).kind in TIMES + "f"):
+        name = _name("time" if index.name is None else index.name)
+        columns[:0] = [(name, index)] * (name not in dict(columns))
     return columns
 
 

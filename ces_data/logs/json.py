@@ -156,8 +156,8 @@ class TreeTable(LogTable):
     def _names_beside(self) -> tuple[str, ...]:
         """Return the texts beside a matrix, one for each column, as pandas writes them with `split`."""
         several = self.tree.values() if isinstance(self.tree, Mapping) and not isinstance(self.root, Mapping) else ()
-        lists = (list(map(str, v)) for v in several if isinstance(v, list | np.ndarray) and _is_texts(v))
-        return next((tuple(names) for names in lists if len(names) == self.width), ())
+        lists = (list(v) for v in several if isinstance(v, list | np.ndarray) and len(v) == self.width)
+        return next((tuple(map(str, v)) for v in lists if v and all(isinstance(item, str) for item in v)), ())
 
     def _find_names(self) -> Iterator[str]:
         """Yield the paths to the columns that have names; those of single numbers, such as a rate, after the arrays."""
@@ -276,16 +276,13 @@ def _take_part(value: Any, index: str, where: str) -> Any:
 def _list_runs(tree: Any) -> list[str]:
     """Return the paths to the parts of the first array of structures, or cell array, whose parts hold arrays."""
     for name, value in _walk(tree) if isinstance(tree, Mapping) else ():
-        parts = list(value) if isinstance(value, list) or _is_cells(value) else []
+        is_cells = isinstance(value, np.ndarray) and value.dtype == object
+        parts = list(value) if isinstance(value, list) or is_cells else []
         if len(parts) > 1 and all(isinstance(part, Mapping) and next(_list_arrays(part), None) for part in parts):
             return [f"{name}({i})" for i in range(1, 1 + len(parts))]
         if len(parts) > 1 and all(isinstance(part, np.ndarray) and part.ndim == 2 for part in parts):
             return [f"{name}{{{i}}}" for i in range(1, 1 + len(parts))]
     return []
-
-
-def _is_cells(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype == object
 
 
 def _is_plain(name: object) -> bool:
@@ -359,10 +356,6 @@ def _structures(value: Any) -> list[Mapping[str, Any]]:
     """Return a structure, or those of an array."""
     several = [value] if isinstance(value, Mapping) else value if isinstance(value, list | np.ndarray) else []
     return [structure for structure in several if isinstance(structure, Mapping)]
-
-
-def _is_texts(value: Any) -> bool:
-    return len(value) > 0 and all(isinstance(item, str) for item in value)
 
 
 def _is_complex(value: Any) -> bool:

@@ -35,7 +35,8 @@ def tell_doubts(
     shown = [d for d in doubts if d in missing and d not in faults]
     shown = shown if first in shown else [first]
     remedies = ("", "") if first in faults else (by_program, by_script(shown))
-    return Words(describe_doubts(shown) + remedies[0], describe_doubts(shown, hints=()) + remedies[1])
+    texts = (describe_doubts(shown, hints).replace(f": {GUESSED}", ": perhaps ") for hints in (HINTS, ()))
+    return Words(*(text + remedy for text, remedy in zip(texts, remedies, strict=True)))
 
 
 def describe_doubts(doubts: Iterable[str], hints: Iterable[str] = HINTS) -> str:

@@ -12,7 +12,7 @@ from numpy.random import Generator
 from scipy.signal import lfilter, max_len_seq
 
 from ces_data.arrays import F
-from ces_data.waveforms.sequences import KIND, MAX_PARTS, Current, duration, filtered_noise, find_spans
+from ces_data.waveforms.strokes import KIND, MAX_PARTS, Current, duration, filtered_noise, find_spans
 from ces_observer.errors import CesError
 from ces_observer.fields import REQUIRED
 from ces_observer.records import OneOf, items, part, quantity

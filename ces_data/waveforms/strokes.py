@@ -1,25 +1,71 @@
-"""The kinds of stroke: a description goes in, positions on a uniform grid come out.
+"""The kinds of stroke: a description goes in, positions on a uniform grid come out; and how sequences follow.
 
-That on a road is the suspension stroke of a linear quarter vehicle on an ISO 8608 random road. Both are computed in the
-frequency domain, so the road's spectrum is exact and the vehicle in steady state.
+A road's is the suspension stroke of a linear quarter vehicle on an ISO 8608 random road, both in the frequency domain,
+so that the road's spectrum is exact and the vehicle in steady state. The parts of a sequence, such as the test points
+of a dyno, follow one another, each with a duration and times of its own; after the last part the sequence begins again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
-from typing import Any, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
 
 from ces_data.arrays import F
-from ces_data.waveforms.sequences import KIND, MAX_PARTS, Shape, StrokeFile, duration, filtered_noise, find_spans
 from ces_observer.errors import CesError
 from ces_observer.fields import REQUIRED
 from ces_observer.records import OneOf, choice, items, part, quantity, read_record
+
+T = TypeVar("T")
+Parts = Sequence[tuple[float, T]]  # duration [s] and shape of each part
+
+KIND = "sequence"
+MAX_PARTS = 1000
+
+
+class Shape(Protocol):
+    """A kind of stroke."""
+
+    def samples(self, time_s: F, rng: Generator) -> F:
+        """Return the position [m] at the uniform times, shape (n,), before fading and offset."""
+
+
+class Current(Protocol):
+    """A kind of current that is known before the damper moves."""
+
+    def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
+        """Return the commanded current [A] at the uniform times, shape (n,)."""
+
+
+def duration() -> Any:
+    """Declare the duration of a part."""
+    return quantity(REQUIRED, "s", "duration of the part", 0.05, 7200.0)
+
+
+def find_spans(parts: Parts[T], time_s: F) -> Iterator[tuple[T, slice]]:
+    """Yield each part, again and again, with the samples of `time_s` (n,) that belong to it."""
+    start, end, index = 0, 0.0, 0
+    while start < len(time_s):
+        duration, part = parts[index % len(parts)]
+        end += duration
+        stop = int(np.searchsorted(time_s, time_s[0] + end - 1e-9))
+        if stop > start:
+            yield part, slice(start, stop)
+        start, index = max(stop, start), index + 1
+
+
+def filtered_noise(count: int, rate_Hz: float, order: int, cutoff_Hz: float, lead_s: float, rng: Generator) -> F:
+    """Return white noise (count,) behind a Butterworth low-pass that began `lead_s` earlier."""
+    lead = round(lead_s * rate_Hz)
+    low_pass = butter(order, cutoff_Hz, fs=rate_Hz, output="sos")
+    return np.asarray(sosfilt(low_pass, rng.standard_normal(lead + count))[lead:])
+
 
 Spectrum = NDArray[np.complex128]
 
@@ -245,7 +291,7 @@ class StrokeSequence:
 
 SINGLE: Mapping[str, type[Any]] = {
     "rest": Rest, "sine": Sine, "sum_of_sines": SumOfSines, "sweep": Sweep, "noise": NoiseStroke, "road": RoadStroke,
-    "frequency_modulated": FrequencyModulated, "triangle": Triangle, "file": StrokeFile,
+    "frequency_modulated": FrequencyModulated, "triangle": Triangle,
 }  # fmt: skip
 KINDS: Mapping[str, type[Any]] = {**SINGLE, KIND: StrokeSequence}
 

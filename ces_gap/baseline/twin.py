@@ -19,8 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F
 from ces_gap.baseline.plant import TraceSimulator
-from ces_gap.effects.effect import Composition
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import Composition, TwinRun
 from ces_gap.grid import thin_out
 from ces_gap.limits import TwinLimits
 from ces_gap.trace import Trace, TraceInputs, bridge_current

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ces_data.arrays import F, I, Mask
 from ces_gap.baseline.twin import Twin, count_steps, sample_inputs
-from ces_gap.effects.network import column_response
+from ces_gap.effects.effect import column_response
 from ces_gap.grid import apply_response, derivative, is_constant, rms
 from ces_gap.limits import TwinLimits
 from ces_gap.progress import Progress, ignore_progress

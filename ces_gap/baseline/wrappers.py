@@ -17,8 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
-from ces_identify.simulations.parameters import Parameter, with_defaults
-from ces_identify.simulations.simulation import Simulation
+from ces_identify.simulations.simulation import Parameter, Simulation, with_defaults
 from ces_observer.records import bounded
 
 MAX_LEAD_SAMPLES = 10.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.baseline.wrappers import RememberedSimulation
@@ -22,7 +22,7 @@ from ces_gap.calibrate.fitting import (
     smooth_traces,
     time_equal_calls,
 )
-from ces_gap.calibrate.parameters import FreeParameters, choose_free, find_groups
+from ces_gap.calibrate.parameters import FreeParameters, choose_free, find_groups, interval_within
 from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.library import library
 from ces_gap.errors import GapError
@@ -45,30 +45,36 @@ WORSE = "the fitted values explain held-out recordings no better than the defaul
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """A parameter's value with its 95 % interval beside its default, which it keeps if it is not `determined`.
+    """A parameter's value with its 95 % interval beside its default.
 
-    Its `unit` is empty where the name ends with it. It `matters` if it is a part of the best explanation of the gap.
+    The interval is endless where it leaves the range of the search, and of a parameter that keeps its default because
+    it is not determined. Its `unit` is empty where the name ends with it. It `matters` if it is a part of the best
+    explanation of the gap.
     """
 
     name: str
     value: float
     ci95: tuple[float, float]
     default: float
-    determined: bool = True
     at_bound: bool = False
     unit: str = ""
     matters: bool = False
 
     @property
+    def determined(self) -> bool:
+        """Whether the recordings limit it on both sides."""
+        return all(map(math.isfinite, self.ci95))
+
+    @property
     def is_doubtful(self) -> bool:
         """Whether it is at its bound, or far from its default."""
         ratio, most = self.value / self.default if self.default else 1.0, ParameterLimits.DOUBTFUL
-        return self.determined and (self.at_bound or not 1.0 / most <= ratio <= most)
+        return self.at_bound or not 1.0 / most <= ratio <= most
 
     @property
     def is_beside(self) -> bool:
         """Whether its fitted value is surely another than its default, though it is no part of the best explanation."""
-        return self.determined and not self.matters and not self.ci95[0] <= self.default <= self.ci95[1]
+        return not self.matters and not self.ci95[0] <= self.default <= self.ci95[1]
 
 
 @dataclass(frozen=True)
@@ -266,9 +272,9 @@ def _assemble(
     spec: str, free: FreeParameters, best: ParameterFit, choice: ChosenExplanation, held: Sequence[Trace]
 ) -> Calibration:
     """Return the result; under a missing effect, the parameters are those of the joint fit."""
-    fit, simulation = choice.whole, best.effect.simulation
+    whole, simulation = choice.whole, best.effect.simulation
     held = smooth_traces(simulation, held) if best.is_smoothed else held
-    joint = None if fit is None or choice.best.effect is None else fit
+    joint = None if choice.best.effect is None else whole.fit
     parameters, calibrated = (*_list_whole(best), *_list_numbers(best, choice)), simulation
     noise_N, before_N = noise_floor_N(held), gap_N(held, [t.simulated for t in held], noise_floor_N(held))
     changed = simulation.with_values({p.name: p.value for p in parameters})
@@ -280,8 +286,9 @@ def _assemble(
         notes = notes if before_N <= noise_N else (*notes, WORSE)
         forces, after_N = [t.simulated for t in held], before_N
         parameters = tuple(replace(p, value=p.default, matters=False) for p in parameters)
-    covariance = np.zeros((0, 0)) if fit is None else fit.covariance[: len(best.determined), : len(best.determined)]
-    groups = find_groups(best.jacobian, covariance, best.determined, [p.name for p in best.effect.free])
+    count = len(whole.places)
+    covariance = np.zeros((0, 0)) if whole.fit is None else whole.fit.covariance[:count, :count]
+    groups = find_groups(best.jacobian, covariance, whole.places, [p.name for p in best.effect.free])
     missing = None if joint is None else _describe_missing(joint, simulation, held, noise_N)
     alternatives = tuple(_as_alternative(best, h) for h in choice.alternatives)
     series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
@@ -305,12 +312,11 @@ def _list_whole(best: ParameterFit) -> list[FittedParameter]:
 
 def _list_numbers(best: ParameterFit, choice: ChosenExplanation) -> list[FittedParameter]:
     """Return the fitted parameters with their intervals, and those that keep their defaults."""
-    whole = Hypothesis(best.determined, choice.best.effect, choice.whole, 0.0)
     freed = {best.effect.free[k].name for k in choice.best.places}
-    rows = {p.name: replace(p, matters=p.name in freed) for p in estimate(best, whole)}
+    rows = {p.name: replace(p, matters=p.name in freed) for p in estimate(best, choice.whole)}
     unknown, units = (-math.inf, math.inf), best.units
     return [
-        rows.get(p.name) or FittedParameter(p.name, p.starts[0], unknown, p.starts[0], False, unit=units[p.name])
+        rows.get(p.name) or FittedParameter(p.name, p.starts[0], unknown, p.starts[0], unit=units[p.name])
         for p in best.effect.free
     ]
 
@@ -325,12 +331,10 @@ def estimate(found: ParameterFit, h: Hypothesis) -> list[FittedParameter]:
     fitted = []
     for k, u, error in zip(h.places, h.fit.searched.tolist(), errors.tolist(), strict=False):
         p = found.effect.free[k]
-        (low, high), (low_end, high_end) = p.search_bounds(), sorted(map(p.to_value, (u - error, u + error)))
-        near, start = SearchLimits.NEAR_BOUND * (high - low), p.to_search(p.starts[0])
+        (low, high), start, ends = p.search_bounds(), p.to_search(p.starts[0]), interval_within(p, u, error)
+        near = SearchLimits.NEAR_BOUND * (high - low)
         stuck = (u - low < near or high - u < near) and abs(u - start) > near
-        fitted.append(
-            FittedParameter(p.name, p.to_value(u), (low_end, high_end), p.starts[0], True, stuck, units[p.name])
-        )
+        fitted.append(FittedParameter(p.name, p.to_value(u), ends, p.starts[0], stuck, units[p.name]))
     return fitted
 
 

@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.calibrate.fitting import ParameterFit
+from ces_gap.calibrate.fitting import ParameterFit, find_loose
 from ces_gap.calibrate.parameters import size_of
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.fit import EffectFit, fit_from, fit_promising, fit_to_the_end, linearise
@@ -55,11 +55,11 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class ChosenExplanation:
-    """The best hypothesis, those that do as well, and the fit of all parameters beside the best one's effect."""
+    """The best hypothesis, those that do as well, and that of all parameters beside its effect."""
 
     best: Hypothesis
     alternatives: tuple[Hypothesis, ...]
-    whole: EffectFit | None
+    whole: Hypothesis
 
 
 def choose(fitted: ParameterFit, effects: Sequence[Effect], progress: Progress = ignore_progress) -> ChosenExplanation:
@@ -67,7 +67,7 @@ def choose(fitted: ParameterFit, effects: Sequence[Effect], progress: Progress =
     residual, energy = fitted.default_residual, fitted.gap_energy
     nothing = Hypothesis((), None, None, float(residual @ residual))
     if energy <= EvidenceLimits.VISIBLE**2 * len(residual) and not _has_rare_deviation(fitted):
-        return ChosenExplanation(nothing, (), fitted.fit)
+        return ChosenExplanation(nothing, (), _whole(fitted, nothing, fitted.fit))
     alone = fit_promising(fitted.evidence, effects, CANDIDATES, progress)
     all_freed = fitted.beside(fitted.determined, fitted.searched[list(fitted.determined)])
     joints = _fit_beside(fitted, alone, fit_promising(all_freed, effects, CANDIDATES, progress))
@@ -83,9 +83,7 @@ def choose(fitted: ParameterFit, effects: Sequence[Effect], progress: Progress =
     instead = _replace_parameters(fitted, best, effects, progress) if best.effect is None else []
     best, *others = _choose_minimal([_finish(fitted, h) for h in (best, *others, *instead)], energy, len(residual))
     whole = next((j for j in joints if _effect_of(fitted, j) == best.effect), fitted.fit)
-    return ChosenExplanation(
-        best, tuple(others), whole and fit_to_the_end(fitted.evidence, whole.effects, whole.searched)
-    )
+    return ChosenExplanation(best, tuple(others), _whole(fitted, best, whole))
 
 
 def _has_rare_deviation(fitted: ParameterFit, h: Hypothesis | None = None) -> bool:
@@ -137,11 +135,28 @@ def _hypothesis(fitted: ParameterFit, places: tuple[int, ...], fit: EffectFit) -
     return Hypothesis(places, _effect_of(fitted, fit), fit, fit.cost)
 
 
-def _finish(fitted: ParameterFit, h: Hypothesis) -> Hypothesis:
-    """Return the hypothesis with its fit continued to the end."""
+def _finish(fitted: ParameterFit, h: Hypothesis, kept: Sequence[int] = ()) -> Hypothesis:
+    """Return the hypothesis with its fit continued to the end, without what is not determined beside the rest of it.
+
+    Parameters at the places that are `kept` stay all the same.
+    """
     if h.fit is None:
         return h
-    return _hypothesis(fitted, h.places, fit_to_the_end(fitted.evidence, h.fit.effects, h.fit.searched))
+    fit = fit_to_the_end(fitted.evidence, h.fit.effects, h.fit.searched)
+    loose = [i for i in find_loose(fitted, h.places, fit) if h.places[i] not in kept]
+    if not loose:
+        return _hypothesis(fitted, h.places, fit)
+    places, start = tuple(np.delete(h.places, loose).tolist()), np.delete(fit.searched, loose)
+    if not len(start):
+        residual = fitted.default_residual
+        return Hypothesis((), None, None, float(residual @ residual))
+    again = fit_from(fitted.evidence, fitted.beside_effect(h.effect, places), start)
+    return _finish(fitted, _hypothesis(fitted, places, again), kept)
+
+
+def _whole(fitted: ParameterFit, best: Hypothesis, fit: EffectFit | None) -> Hypothesis:
+    """Return the hypothesis of all parameters that are determined beside each other and the best one's effect."""
+    return _finish(fitted, Hypothesis(fitted.determined if fitted.fit else (), best.effect, fit, 0.0), best.places)
 
 
 def _effect_of(fitted: ParameterFit, fit: EffectFit) -> Effect | None:

@@ -27,6 +27,7 @@ from ces_gap.calibrate.parameters import (
     SimulationParameters,
     choose_free,
     find_determined,
+    interval_within,
     signatures,
     values_of,
     with_steps,
@@ -35,7 +36,7 @@ from ces_gap.effects.effect import Effect
 from ces_gap.errors import GapError
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Evidence, gather, least_noise_N
-from ces_gap.inference.fit import EffectFit, fit_to_the_end
+from ces_gap.inference.fit import Z95, EffectFit, fit_to_the_end
 from ces_gap.inputs.checks import exclude_saturated_ticks
 from ces_gap.limits import EvidenceLimits, ParameterLimits
 from ces_gap.trace import Trace, make_trace, own_error_N, require_usable, smooth_recording
@@ -197,6 +198,17 @@ def _fit_on(
         at[list(determined)] = fit.searched if fit else []
         jacobian = evidence.whiten(signatures(effect, at, evidence.traces))
     return ParameterFit(evidence, effect, whole, whole_defaults, fit, at, jacobian, determined, twin)
+
+
+def find_loose(fitted: ParameterFit, places: Sequence[int], fit: EffectFit) -> list[int]:
+    """Return the positions in `places` of the parameters that a fit does not tell from their defaults nor limits."""
+    errors, loose = Z95 * np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)), []
+    for position, (k, u, error) in enumerate(zip(places, fit.searched.tolist(), errors.tolist(), strict=False)):
+        p = fitted.effect.free[k]
+        low, high = interval_within(p, u, error)
+        if low <= p.starts[0] <= high and not (math.isfinite(low) and math.isfinite(high)):
+            loose.append(position)
+    return loose
 
 
 def fit_on_others(fitted: ParameterFit, fit: EffectFit) -> F:

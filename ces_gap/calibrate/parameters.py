@@ -23,10 +23,9 @@ from ces_gap.effects.effect import SIMULATION, Composition, Effect, EffectParame
 from ces_gap.errors import GapError
 from ces_gap.grid import rms
 from ces_gap.inference.judgement import PARAMETERS
-from ces_gap.limits import EvidenceLimits, ParameterLimits
+from ces_gap.limits import EvidenceLimits, ParameterLimits, SearchLimits
 from ces_gap.trace import Trace, TraceInputs, resample_to_grid, usable_values
-from ces_identify.simulations.parameters import Parameter
-from ces_identify.simulations.simulation import Simulation
+from ces_identify.simulations.simulation import Parameter, Simulation
 from ces_observer.errors import CesError, OptionName
 
 FIRST_STEP, MIN_STEP, MAX_STEP = 0.02, 1e-4, 0.25  # of a parameter's size, by which it is changed for a derivative
@@ -87,6 +86,23 @@ def size_of(p: EffectParameter) -> float:
     if p.scale == "log":
         return 1.0
     return abs(p.starts[0]) or 0.5 * (p.high - p.low)
+
+
+def interval_within(p: EffectParameter, searched: float, error: float) -> tuple[float, float]:
+    """Return the interval of a value, `error` to each side on the search scale; endless where it leaves the range.
+
+    The error is taken to the value linearly, as the force follows most parameters. The range is a guess, so an end of
+    it is none of the interval (a profile that no bound closes, Raue et al. 2009), unless it is the default: no leak is
+    the least of all leaks.
+    """
+    value, default = p.to_value(searched), p.starts[0]
+    half = error * (value if p.scale == "log" else 1.0)
+    low, high = max(value - half, p.low), min(value + half, p.high)
+    (first, last), near = p.search_bounds(), SearchLimits.NEAR_BOUND * np.subtract(*p.search_bounds()[::-1])
+    return (
+        low if p.to_search(low) > first + near or p.low == default else -math.inf,
+        high if p.to_search(high) < last - near or p.high == default else math.inf,
+    )
 
 
 def with_steps(effect: SimulationParameters, traces: Sequence[Trace], noise_N: float) -> SimulationParameters:

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar
 
-from ces_gap.effects.effect import SIMULATION, Effect, magnitude
+from ces_gap.effects.effect import SIMULATION, Effect, TwinRun, magnitude
 from ces_gap.effects.library.compressibility import Compressibility
 from ces_gap.effects.library.current_hysteresis import CurrentHysteresis
 from ces_gap.effects.library.friction import FrictionForce
 from ces_gap.effects.library.inertia import Inertia
 from ces_gap.effects.library.mount_compliance import MountCompliance
 from ces_gap.effects.library.valve_lag import ValveLag
-from ces_gap.effects.network import TwinRun
 from ces_gap.errors import GapError
 from ces_gap.limits import SearchLimits
 from ces_identify.physical.quantities import read_quantities

@@ -17,8 +17,17 @@ from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.baseline.twin import Twin
 from ces_gap.effects.effect import Setting
 from ces_gap.errors import GapError
-from ces_gap.experiment.candidates import Recipe, generate_waveforms, list_candidate_experiments, reach_of
-from ces_gap.experiment.matches import Match, Probe, find_nearest, refine_match, sample_tangents
+from ces_gap.experiment.candidates import (
+    Match,
+    Probe,
+    Recipe,
+    find_nearest,
+    generate_waveforms,
+    list_candidate_experiments,
+    reach_of,
+    refine_match,
+    sample_tangents,
+)
 from ces_gap.inference.judgement import PARAMETERS, Judgement
 from ces_gap.inference.search import EffectSearchResult
 from ces_gap.trace import Trace, make_trace

@@ -14,7 +14,8 @@ from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.grid import number_blocks
 from ces_gap.inference.evidence import Baseline, Evidence
-from ces_gap.inference.fit import Z95, EffectFit, Estimate, Interval, estimate_parameters, fit_from
+from ces_gap.inference.explanation import Explanation, share_probabilities
+from ces_gap.inference.fit import Z95, EffectFit, Interval, estimate_parameters, fit_from
 from ces_gap.inference.judgement import (
     CALIBRATION,
     NO_GAP,
@@ -31,7 +32,6 @@ from ces_gap.limits import EvidenceLimits, RareLimits, VerdictLimits
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
 from ces_gap.trace import Trace, gap_N, noise_floor_N, own_error_N, usable_values
-from ces_report.table import PrintedResult
 
 RESAMPLES = 500
 SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the difference is not told
@@ -254,15 +254,12 @@ def apply_judgement(scores: HeldOutScores, judgement: Judgement) -> HeldOutScore
 
     There is no composition if there is no gap, or if it enlarges the gap.
     """
-    odds, together = judgement.probabilities.effects, scores.composition
-    causes = [replace(c, probability=odds[c.effects[0]]) for c in scores.causes]
-    together = replace(together, probability=sum(odds.get(name, 0.0) for name in together.effects))
-    ranked = tuple(sorted(causes, key=lambda c: -c.probability))
-    scores = replace(scores, causes=ranked, composition=together)
-    if judgement.verdict != NO_GAP and not together.gap_after_N >= scores.gap.corrected_N:
-        return scores
-    series = tuple(replace(s, augmented=s.corrected) for s in scores.series)
-    return replace(scores, composition=scores.nothing, series=series)
+    together, odds = scores.composition, judgement.probabilities.effects
+    if judgement.verdict == NO_GAP or together.gap_after_N >= scores.gap.corrected_N:
+        series = tuple(replace(s, augmented=s.corrected) for s in scores.series)
+        scores, together = replace(scores, series=series), scores.nothing
+    causes, together = share_probabilities(odds, scores.causes, together)
+    return replace(scores, causes=causes, composition=together)
 
 
 def has_undetermined_effect(composition: Explanation) -> bool:
@@ -280,23 +277,6 @@ def has_undetermined_effect(composition: Explanation) -> bool:
         if not is_needed and len(sizes) == 1 and includes_none:
             return True
     return False
-
-
-@dataclass(frozen=True, repr=False)
-class Explanation(PrintedResult):
-    """One or several effects, with gap and shrink on held-out recordings, without measurement noise."""
-
-    effects: tuple[str, ...]
-    forms: tuple[str, ...]
-    composition: Composition
-    estimates: tuple[tuple[Estimate, ...], ...]  # by effect
-    gap_after_N: float
-    shrink: float
-    shrink_ci95: Interval
-    gain: float = 0.0  # cross-fitted share of the gap's energy explained on the fitted recordings
-    gain_error: float = 0.0
-    probability: float = 0.0  # of a composition: of its effects together
-    without_N: tuple[float, ...] = ()  # the gap left without each of several effects, the others refitted
 
 
 @dataclass(frozen=True)

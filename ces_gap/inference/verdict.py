@@ -56,7 +56,7 @@ def judge(evidence: VerdictEvidence) -> Judgement:
     odds = _reject(odds, e.composition, (*alternatives, CALIBRATION))
     doubts = _find_doubts(e, odds, alternatives, min(raw.known_given_gap, odds.known_given_gap))
     for names in doubts.values():
-        odds = _make_possible(odds, names, e.composition)
+        odds = make_possible(odds, names, e.composition)
     return Judgement(AMBIGUOUS if doubts else NAMED, odds, "", next(iter(doubts), ""), alternatives, ties)
 
 
@@ -218,7 +218,7 @@ def _reject(odds: Probabilities, causes: Sequence[str], possible: Sequence[str])
     return Probabilities(odds.none, odds.unknown, gained)
 
 
-def _make_possible(odds: Probabilities, names: Sequence[str], causes: Sequence[str]) -> Probabilities:
+def make_possible(odds: Probabilities, names: Sequence[str], causes: Sequence[str]) -> Probabilities:
     """Return the probabilities after those of the `causes` gave way: each name, or an unknown cause, gets a tenth.
 
     Together the known effects stay as probable as an unknown cause and no gap.

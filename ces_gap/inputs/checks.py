@@ -20,7 +20,7 @@ from ces_data.recording import Recording
 from ces_gap.effects.effect import Effect
 from ces_gap.errors import GapError
 from ces_gap.grid import is_constant, rms
-from ces_gap.limits import AgreementLimits, RecordingLimits
+from ces_gap.limits import AgreementLimits, DiagnosisLimits
 from ces_gap.trace import Trace, usable_inputs, usable_values
 from ces_identify.limits import LackLimits
 from ces_identify.simulations.simulate import is_outside, sample_run
@@ -81,8 +81,8 @@ def check_recordings(
     for recording in everything:
         if limits := find_saturations(recording):
             text = f"{recording.name}: force: {SATURATES}: {describe_saturations(limits)}"
-            if sum(s.share for s in limits) > RecordingLimits.MAX_SATURATED:
-                most = f"expected at most {RecordingLimits.MAX_SATURATED:.0%}"
+            if sum(s.share for s in limits) > DiagnosisLimits.MAX_SATURATED:
+                most = f"expected at most {DiagnosisLimits.MAX_SATURATED:.0%}"
                 raise GapError(f"{text}; {most}: record again with a larger range")
             notes.append(f"{text}; they are not used; record with a larger range")
     return tuple(notes)
@@ -129,7 +129,7 @@ def check_traces(traces: Sequence[Trace], simulation: Simulation, name: str) -> 
     notes += missing_force_notes(traces, name)
     for trace in traces:
         speed = float(np.percentile(np.abs(trace.inputs.speed[trace.usable]), 99.0))
-        if speed < RecordingLimits.MIN_SPEED_M_S:
+        if speed < DiagnosisLimits.MIN_SPEED_M_S:
             notes.append(f"{trace.name}: hardly moves (99 % of the time below {speed:.2g} m/s)")
     if is_current_constant(traces):
         level = float(np.mean([t.inputs.current[t.usable].mean() for t in traces]))
@@ -242,7 +242,7 @@ def missing_force_notes(traces: Sequence[Trace], name: str) -> Iterator[str]:
             wholes.append((trace, trace.usable))
     for trace, usable in wholes:
         share = 1.0 - float(usable.mean())
-        if share > RecordingLimits.MAX_UNUSED:
+        if share > DiagnosisLimits.MAX_UNUSED:
             yield (
                 f"{trace.name}: {share:.0%} of the time is not used: position, current, measured force or the force of "
                 f"{name} is missing"
@@ -275,7 +275,7 @@ def model_inside(simulation: Simulation) -> Model | None:
 def is_current_constant(traces: Sequence[Trace]) -> bool:
     """True if the current is constant within and between recordings."""
     current = usable_inputs(traces, "current")
-    return bool(len(current)) and is_constant(current, RecordingLimits.MIN_CURRENT_A)
+    return bool(len(current)) and is_constant(current, DiagnosisLimits.MIN_CURRENT_A)
 
 
 def find_invisible_effects(effects: Sequence[Effect], traces: Sequence[Trace]) -> tuple[tuple[str, str], ...]:
@@ -286,7 +286,7 @@ def find_invisible_effects(effects: Sequence[Effect], traces: Sequence[Trace]) -
     if not is_current_constant(traces):
         return ()
     level = float(np.abs(usable_inputs(traces, "current")).mean())
-    is_zero = level <= RecordingLimits.MIN_CURRENT_A
+    is_zero = level <= DiagnosisLimits.MIN_CURRENT_A
     visible = {e.name for e in effects if "current" not in e.needs or ("zero" in e.needs and not is_zero)}
     by_name = {e.name: e for e in reversed(effects)}  # the first form of each
     names = [name for name in dict.fromkeys(e.name for e in effects) if name not in visible]

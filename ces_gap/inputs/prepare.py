@@ -17,7 +17,7 @@ from ces_gap.errors import GapError
 from ces_gap.inputs.checks import exclude_saturated_ticks
 from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
 from ces_gap.inputs.probes import correct_inputs
-from ces_gap.limits import RecordingLimits, TwinLimits
+from ces_gap.limits import DiagnosisLimits, TwinLimits
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, open_trace, require_usable, with_simulation
 from ces_identify.numerics.search import clock_s
@@ -130,10 +130,10 @@ def _open_traces(
 def _require_time(fitted: Sequence[Trace]) -> None:
     """Raise GapError if too few seconds are usable for the fit."""
     seconds = sum(float(t.usable.sum()) / t.rate_Hz for t in fitted)
-    if seconds < RecordingLimits.MIN_FIT_S:
+    if seconds < DiagnosisLimits.MIN_FIT_S:
         raise GapError(
             f"{', '.join(t.name for t in fitted)}: {seconds:.1f} s remain for the fit; "
-            f"expected at least {RecordingLimits.MIN_FIT_S:g} s; pass longer or more real recordings"
+            f"expected at least {DiagnosisLimits.MIN_FIT_S:g} s; pass longer or more real recordings"
         )
 
 

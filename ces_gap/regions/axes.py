@@ -10,7 +10,7 @@ import numpy as np
 from ces_data.arrays import F, I
 from ces_gap.grid import rms
 from ces_gap.inference.fit import Interval
-from ces_gap.limits import RecordingLimits, RegionLimits
+from ces_gap.limits import DiagnosisLimits, RegionLimits
 from ces_gap.trace import Trace
 
 
@@ -105,7 +105,7 @@ def axis_edges(axis: str, values: F) -> F:
         edges = np.array([-1.0, 0.0, 1.0])
     elif is_constant(values):  # a single region
         low, high = float(values.min()), float(values.max())
-        step = round_to_one_two_five(max(abs(low), abs(high), 1e-3) * RecordingLimits.CONSTANT, up=True)
+        step = round_to_one_two_five(max(abs(low), abs(high), 1e-3) * DiagnosisLimits.CONSTANT, up=True)
         first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
         return _decimal(np.array([first, max(last, first + 1.0)]), step)
     elif axis == REVERSAL:
@@ -139,7 +139,7 @@ def even_edges(values: F, count: int) -> F:
 
 def is_constant(values: F) -> bool:
     """Return whether an axis varies too little to be divided."""
-    return float(np.ptp(values)) <= RecordingLimits.CONSTANT * max(float(np.abs(values).max()), 1e-9)
+    return float(np.ptp(values)) <= DiagnosisLimits.CONSTANT * max(float(np.abs(values).max()), 1e-9)
 
 
 def round_to_one_two_five(value: float, up: bool) -> float:

@@ -35,7 +35,7 @@ from ces_observer.json_text import parse_json, read_bounded
 from ces_observer.records import Of, Record, document_schema, read_document, record_of
 from ces_report.shell import PageHead, page_template, replace_unencodable
 from ces_report.table import Column, Table, summarize_result
-from ces_report.typesetting import format_number, format_within, join_names, join_with
+from ces_report.typesetting import format_number, format_within, join_names, join_with, minus
 
 SCHEMA = "ces-calibrated/1"
 FILE, REPORT = "calibrated.json", "report.html"
@@ -53,8 +53,11 @@ def _describe_changes(c: Calibration, changed: Sequence[FittedParameter]) -> str
     if not changed and c.before_N <= c.noise_N:
         return f"No parameter is off: the gap of {before} RMS lies within the noise of {newtons(c.noise_N)}."
     if not changed:
-        shrinks = f"hardly shrinks, to {after}," if c.after_N < c.before_N else "does not shrink"
-        return f"No parameter is off: the gap of {before} RMS {shrinks} with any of them fitted."
+        if before == after:
+            return f"No parameter is surely off: the gap of {before} RMS remains."
+        return (
+            f"No parameter is a part of the best explanation; fitted, they shrink the gap of {before} to {after} RMS."
+        )
     both = {1: "it", 2: "both"}.get(len(changed), "them")
     if c.after_N >= c.before_N:  # they show beside the missing effect only
         return f"{describe_values(changed)}, beside an effect that is missing in the gap of {before} RMS."
@@ -72,7 +75,14 @@ def describe_values(changed: Sequence[FittedParameter]) -> str:
 
 def _value_of(p: FittedParameter) -> str:
     value, interval = format_within(p.value, *p.ci95)
-    return f"{value}, not {format_number(p.default)}" + (f" ({interval})" if p.ci95[0] < p.ci95[1] else "")
+    if not p.determined:
+        return f"{interval}, not {format_default(p)}"
+    return f"{value}, not {format_default(p)}" + (f" ({interval})" if p.ci95[0] < p.ci95[1] else "")
+
+
+def format_default(p: FittedParameter) -> str:
+    """Return the default as a user writes it."""
+    return minus(f"{p.default:g}")
 
 
 def _describe_missing(c: Calibration, changed: Sequence[FittedParameter]) -> str:
@@ -91,9 +101,7 @@ def _describe_alternatives(c: Calibration) -> str:
 
 def describe_alternative(alternative: Alternative) -> str:
     """Return other values of parameters, and an effect, as `seal_N of 43 instead of 25 and friction of 20 N`."""
-    values = [
-        f"{p.name} of {format_number(p.value)} instead of {format_number(p.default)}" for p in alternative.parameters
-    ]
+    values = [f"{p.name} of {format_number(p.value)} instead of {format_default(p)}" for p in alternative.parameters]
     effects = [] if alternative.effect is None else [describe_setting(alternative.effect)]
     return join_with([*values, *effects])
 
@@ -108,43 +116,36 @@ def describe_setting(setting: Setting) -> str:
 
 def _describe_doubts(c: Calibration) -> str:
     """Return sentences about the parameters that are not determined, and those that are found where they cannot be."""
+    others = "" if len(c.parameters) == 1 else " beside the others"
+    others = others if c.missing is None else f" beside {effect_name(c.missing.setting.name)}"
     texts = []
-    for p in (p for p in c.parameters if not p.determined):
+    for p in (p for p in c.parameters if not p.determined and p.value == p.default):
         near = next((group[1:] for group in c.moves_with if group[0] == p.name), ())
-        why = f"it moves with {join_with(near)}" if near else "it hardly changes the force here"
+        why = f"it moves with {join_with(near)}" if near else f"it hardly shows here{others}"
         texts.append(f"{p.name} cannot be determined: {why}; it is held at its default.")
-    doubtful = [p.name for p in c.parameters if p.is_doubtful and p.matters]
-    if doubtful:
-        verb = "lies" if len(doubtful) == 1 else "lie"
-        where = f"{join_with(doubtful)} {verb} at a bound or far from the default"
-        texts.append(f"{where}: rather a sign that the simulation lacks something than a value.")
-    return " ".join(texts)
+    return " ".join([*texts, *describe_doubtful([p for p in c.parameters if p.matters])])
+
+
+def describe_doubtful(parameters: Sequence[FittedParameter]) -> list[str]:
+    """Return a sentence on the values at the end of their range or far from their defaults; none without them."""
+    doubtful = [p.name for p in parameters if p.is_doubtful]
+    where = f"{join_with(doubtful)} {'lies' if len(doubtful) == 1 else 'lie'} at the end of the range or far from the"
+    return [f"{where} default: rather a sign that the simulation lacks something than a value."] * bool(doubtful)
 
 
 def _remark(p: FittedParameter) -> str:
     if not p.determined:
-        return "not determined, held at its default"
-    if p.at_bound:
-        return "at its bound"
+        return f"not determined, {'at the end of its range' if p.at_bound else 'held at its default'}"
     if p.is_doubtful:
         return "far from its default"
     return "" if p.matters else "changed, too" if p.is_beside else "no change needed"
 
 
-def _format_fitted(p: FittedParameter) -> tuple[str, str]:
-    """Return the value of a parameter and its interval, both empty if it is not determined."""
-    return format_within(p.value, *p.ci95) if p.determined else ("", "")
-
-
 COLUMNS: tuple[Column[FittedParameter], ...] = (
     Column("Parameter", lambda p: f"{p.name} [{p.unit}]" if p.unit else p.name),
-    Column("Default", lambda p: format_number(p.default), figure=True),
-    Column("Fitted", lambda p: _format_fitted(p)[0], figure=True),
-    Column(
-        "95\N{NO-BREAK SPACE}% interval",
-        lambda p: _format_fitted(p)[1],
-        figure=True,
-    ),
+    Column("Default", format_default, figure=True),
+    Column("Value", lambda p: format_within(p.value, *p.ci95)[0], figure=True),
+    Column("95\N{NO-BREAK SPACE}% interval", lambda p: format_within(p.value, *p.ci95)[1], figure=True),
     Column("Remark", _remark),
 )
 

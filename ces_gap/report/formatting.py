@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ces_gap.diagnosis import Estimate, GapRegion, Interval
+from ces_gap.inference.judgement import CALIBRATION, PARAMETERS, TIMING
 from ces_report.typesetting import format_number, format_range, format_within, join_with, minus
 
 AXES = {
@@ -35,16 +36,19 @@ DISPLAY_UNITS = {
     "N/m": ("N/mm", 1e-3, 1e4, math.inf),
 }  # displayed unit, its factor, and the range of the largest number in SI for which it is used
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre"}
+OWN = {CALIBRATION: "calibration", TIMING: "timing", PARAMETERS: "parameters"}
 
 
 def effect_name(effect: str) -> str:
     """Return `valve_lag` as `valve lag`, `coulomb_stribeck` as `Coulomb Stribeck`."""
+    if effect in OWN:
+        return f"the simulation's {OWN[effect]}"
     return " ".join(PROPER.get(word, word) for word in effect.split("_"))
 
 
-def join_effect_names(effects: Sequence[str]) -> str:
+def join_effect_names(effects: Sequence[str], last: str = "and") -> str:
     """Return `a, b and c`."""
-    return join_with([effect_name(e) for e in effects]) or "nothing"
+    return join_with([effect_name(e) for e in effects], last) or "nothing"
 
 
 def sentence_case(text: str) -> str:
@@ -117,5 +121,5 @@ def percents(interval: Interval) -> str:
     if not all(map(math.isfinite, interval)):
         return "\N{EN DASH}"
     low, high = map(percent, interval)
-    text = f"{low} to {high}" if low != high else format_range(*(100.0 * share for share in interval))
+    text = f"{low} to {high}" if low != high else low
     return f"{text}\N{NO-BREAK SPACE}%"

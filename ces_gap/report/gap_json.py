@@ -115,8 +115,8 @@ def estimates(explanation: Any) -> dict[str, dict[str, Any]]:
 
 
 def shrink_of_ceiling(d: Diagnosis) -> float:
-    """Return the share of the gap that a learner without physics closes, of what the correction leaves."""
-    return 1.0 - d.ceiling_after_N / d.gap.corrected_N if d.gap.corrected_N > 0.0 else math.nan
+    """Return the share of the gap that a learner without physics closes."""
+    return 1.0 - d.ceiling_after_N / d.base_N if d.base_N > 0.0 else math.nan
 
 
 TEXT, FLAG, NUMBER = Field(kind=str), Field(kind=bool), Field(kind=float, null=None)
@@ -177,7 +177,7 @@ COMPOSITION = record_of(
     effects=(many(TEXT), "composition.effects"),
     forms=(many(TEXT), "composition.forms"),
     **LEFT_TOGETHER,
-    probability=(PROBABILITY.about("of its effects together"), "composition.probability"),
+    probability=(PROBABILITY.about("of its effects together, and of each"), "composition.probability"),
     parameters=(by_name(PARAMETERS).about("by effect"), lambda d: estimates(d.composition)),
     without_N=(
         many(POSITIVE).about("the gap left without each of several effects, the others refitted"),

@@ -39,9 +39,10 @@ from ces_gap.report.sentences import describe_correction
 from ces_gap.report.tables import (
     CauseRow,
     calibration_table,
+    cause_notes,
     cause_table,
     composition_table,
-    effects_without_row,
+    describe_explanation,
     explained_table,
     probe_table,
     recording_table,
@@ -103,8 +104,7 @@ def report_page(diagnosis: Diagnosis, head: PageHead | None = None) -> str:
         key_figure=_key_figure(d),
         causes=causes,
         row_css=lambda row: row.css,
-        unknown_figures=any(row.unknown for row in causes.rows),
-        others=effects_without_row(d),
+        cause_notes=cause_notes(d),
         together=composition_table(d),
         calibration=calibration_table(d) if has_gap else None,
         open_questions=_open_questions(d),
@@ -126,18 +126,18 @@ def _(diagnosis: Diagnosis) -> tuple[Sequence[str], Table[CauseRow]]:
     rms, interval = format_within(gap.rms_N, *gap.ci95_N)
     size = f"Gap {rms} N RMS ({interval}) on held-out recordings, J {three_figures(gap.cost_J)} %."
     step = _next_step(diagnosis, ' (written by out="FOLDER"; ces.simulate runs it)')
-    return [f"{diagnosis.sentence}", size, f"Next: {step}"], cause_table(diagnosis)
+    return [diagnosis.sentence, size, f"Next: {step}", *cause_notes(diagnosis)], cause_table(diagnosis)
 
 
 @summarize_result.register
 def _(explanations: Explanations) -> tuple[Sequence[str], Table[CauseRow]]:
-    return ["each effect alone, in its best form" if explanations else "no effect"], explained_table(explanations)
+    return ["each effect in its best form" if explanations else "no effect"], explained_table(explanations)
 
 
 @summarize_result.register
 def _(explanation: Explanation) -> tuple[Sequence[str], Table[CauseRow]]:
     table = explained_table([explanation] if explanation.effects else [])
-    return [", ".join(str(p) for row in table.rows for p in row.parameters) or "no effect"], table
+    return describe_explanation(explanation) or ["no effect"], table
 
 
 @summarize_result.register
@@ -168,21 +168,21 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
         taken = 1.0 - gap.corrected_N / gap.rms_N if gap.rms_N > 0.0 else math.nan
         closes = f"closes {percent(taken)} %" if taken > 0.0 else ""
         remark = ": ".join(filter(None, [" and ".join(done), closes]))
-        label = f"With {PARAMETERS}" if PARAMETERS in d.composition.effects else "Baseline error removed"
+        label = f"With {effect_name(PARAMETERS)}" if d.is_recalibrated else "Baseline error removed"
         steps.append(_bar(scale, "corrected", label, remark, gap.corrected_N, gap.corrected_ci95_N))
     if {*c.effects} - {PARAMETERS}:
         shrink = 1.0 - c.gap_after_N / gap.corrected_N if gap.corrected_N > 0.0 else 0.0
         closes = f"closes {percent(shrink)} % of the bar above" if shrink > 0.0 else ""
         remark = "the closest of the known effects" if d.verdict == UNKNOWN else closes
         text = f"With {join_effect_names(c.effects)}"
-        steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(c)))
+        steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(d, c)))
     remark = f"as logged, from {gap.noise_source}, {gap.noise_in_band}subtracted from all other bars"
     steps.append(_bar(scale, "noise", "Measurement noise", remark, gap.noise_floor_N, None))
     controls = []
     if wrong is not None:
         text = f"Best {'other ' if c.effects else ''}effect: {effect_name(wrong.effects[0])}"
         remark = "any flexible effect reduces any gap a little"
-        controls.append(_bar(scale, "wrong", text, remark, wrong.gap_after_N, after_ci95_N(wrong)))
+        controls.append(_bar(scale, "wrong", text, remark, wrong.gap_after_N, after_ci95_N(d, wrong)))
     if math.isfinite(ceiling):
         remark = "without physics: any smooth function with a memory"
         controls.append(_bar(scale, "ceiling", "Generic learner", remark, ceiling, None))
@@ -195,14 +195,10 @@ def has_correction(d: Diagnosis) -> bool:
     return abs(d.gap.corrected_N - d.gap.rms_N) > SAME * d.gap.rms_N
 
 
-def after_ci95_N(explanation: Explanation) -> Interval | None:
+def after_ci95_N(d: Diagnosis, explanation: Explanation) -> Interval | None:
     """Return the interval [N] of the gap after, from that of the shrink; None if it is unknown."""
-    left = 1.0 - explanation.shrink
-    if not all(map(math.isfinite, (explanation.shrink, *explanation.shrink_ci95))) or left <= 0.0:
-        return None
-    before = explanation.gap_after_N / left
-    low, high = (before * max(1.0 - s, 0.0) for s in explanation.shrink_ci95[::-1])
-    return low, high
+    ends = [explanation.gap_after_N + d.base_N * (explanation.shrink - s) for s in explanation.shrink_ci95[::-1]]
+    return (max(ends[0], 0.0), ends[1]) if all(map(math.isfinite, ends)) else None
 
 
 def _next_step(d: Diagnosis, writing: str = "") -> str:
@@ -241,7 +237,7 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
         figure, unit = percent(c.shrink), "%"
         names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
         interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
-        beyond = "" if PARAMETERS in c.effects else describe_correction(d)
+        beyond = "" if d.is_recalibrated else describe_correction(d)
         text = f"of the gap{beyond} on held-out recordings closed by {names}; {interval}."
     return {"figure": figure, "unit": unit, "text": text}
 

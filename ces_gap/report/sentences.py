@@ -11,6 +11,7 @@ import numpy as np
 from ces_gap.calibrate.calibration import FittedParameter, FreedParameters
 from ces_gap.diagnosis import Diagnosis, Estimate, Explanation, calibration_cells, find_closest
 from ces_gap.effects.effect import Composition, Setting
+from ces_gap.inference.explanation import share_probabilities
 from ces_gap.inference.judgement import (
     AMBIGUOUS,
     CALIBRATION,
@@ -20,11 +21,18 @@ from ces_gap.inference.judgement import (
     TIMING,
     UNKNOWN,
     Doubt,
+    Probabilities,
     Within,
 )
+from ces_gap.inference.verdict import make_possible
 from ces_gap.limits import VerdictLimits
-from ces_gap.report.calibration import describe_alternative, describe_setting, describe_values
-from ces_gap.report.formatting import newtons
+from ces_gap.report.calibration import (
+    describe_alternative,
+    describe_doubtful,
+    describe_setting,
+    describe_values,
+)
+from ces_gap.report.formatting import join_effect_names, newtons
 from ces_report.typesetting import format_number, format_range, join_with, minus
 
 
@@ -39,15 +47,17 @@ def format_verdict(diagnosis: Diagnosis) -> str:
     shrink = f"the gap{describe_correction(diagnosis)} {_describe_shrink(gap.corrected_N, after_N)}"
     if diagnosis.verdict == AMBIGUOUS:
         ambiguity = _describe_ambiguity(diagnosis)
-        fitted = f"with {_join(effects, 'and')}, {shrink}" if effects else "what was fitted enlarges the held-out gap"
+        fitted = (
+            f"with {join_effect_names(effects)}, {shrink}" if effects else "what was fitted enlarges the held-out gap"
+        )
         return f"{ambiguity[:1].upper()}{ambiguity[1:]}; {fitted}."
     if tuple(effects) == (CALIBRATION,):
         cell = max(calibration_cells(diagnosis), key=lambda c: abs(c.force_N))
         speed, current = f"{format_range(*cell.speed_m_s)} m/s", f"{format_number(float(np.mean(cell.current_A)))} A"
         size = f"most at {speed} and about {current} ({cell.force_N:+.0f} N)"
-        return f"The simulation's force map is off, {size}: recalibrated, {shrink} on held-out recordings."
+        return f"The simulation's calibration is off, {size}: recalibrated, {shrink} on held-out recordings."
     added = "this effect" if len(effects) == 1 else "these"
-    named = f"The gap is caused by {_join(effects, 'and')}: with {added} added, {shrink} on held-out recordings"
+    named = f"The gap is caused by {join_effect_names(effects)}: with {added} added, {shrink} on held-out recordings"
     imitated = [e for e in effects if e in diagnosis.not_separable and CALIBRATION not in effects]
     return f"{named}; a recalibration of the simulation would explain it, too." if imitated else f"{named}."
 
@@ -57,7 +67,7 @@ def describe_correction(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     if not gap.corrected_N < gap.rms_N or newtons(gap.corrected_N) == newtons(gap.rms_N):
         return ""
-    if PARAMETERS in diagnosis.composition.effects:
+    if diagnosis.is_recalibrated:
         return " that the parameters leave"
     return " beyond the timing of its inputs" if diagnosis.correction is None else " beyond the simulation's own error"
 
@@ -71,7 +81,7 @@ def _describe_rest(diagnosis: Diagnosis) -> str:
     """Return what the closest explanation and a learner leave of an unknown gap, and whether its noise is known."""
     closest, text = find_closest(diagnosis), ""
     if closest is not None:
-        names = _join(_causes(diagnosis, closest) or closest.effects, "and")
+        names = join_effect_names(_causes(diagnosis, closest) or closest.effects)
         text = f"; the closest, {names}, leaves {newtons(closest.gap_after_N)}"
         if diagnosis.ceiling_after_N < closest.gap_after_N:
             text += f", a learner without physics {newtons(diagnosis.ceiling_after_N)}"
@@ -146,26 +156,19 @@ def _describe_ambiguity(diagnosis: Diagnosis) -> str:
         group = next((g for g in diagnosis.indistinguishable if set(g) & set(effects) and set(g) & set(others)), ())
         alike = sorted({*group} & {*effects, *others}, key=lambda e: (after.get(e, np.inf), e))
         if alike:
-            return f"these recordings cannot distinguish between {_join(alike, 'and')}"
-        return f"these recordings do not rule out {_join(others, 'or')}"
+            return f"these recordings cannot distinguish between {join_effect_names(alike)}"
+        return f"these recordings do not rule out {join_effect_names(others, 'or')}"
     if diagnosis.doubt == Doubt.SIMULATION_ERROR:
         imitated = [e for e in effects if e in diagnosis.not_separable]
-        return f"{_join(imitated or effects, 'and')} may be an error of the simulation itself"
+        return f"{join_effect_names(imitated or effects)} may be an error of the simulation itself"
     if diagnosis.doubt == Doubt.REMAINS:
         rest = f", as a learner without physics leaves {newtons(diagnosis.ceiling_after_N)}"
-        return f"something else remains beside {_join(effects, 'and')}{'' if diagnosis.rare else rest}"
+        return f"something else remains beside {join_effect_names(effects)}{'' if diagnosis.rare else rest}"
     return {
         Doubt.NOT_CONFIRMED: "the held-out recordings do not confirm the best explanation",
         Doubt.UNDETERMINED: "the interval of an effect's size includes no effect",
         Doubt.LEAVES_MORE: "the best explanation leaves more of the gap's energy than it closes",
     }.get(diagnosis.doubt, "the best explanation is not certain enough to be named")
-
-
-def _join(effects: Sequence[str], last: str) -> str:
-    """Return `a, b and c`."""
-    own = {CALIBRATION: "the simulation's force map", TIMING: "the simulation's timing"}
-    own[PARAMETERS] = "the simulation's parameters"
-    return join_with([own.get(e, e.replace("_", " ")) for e in effects], last)
 
 
 def with_parameters(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
@@ -241,19 +244,28 @@ def _explain(d: Diagnosis, chosen: FreedParameters, setting: Setting) -> Explana
     """Return the parameters as an explanation of the original gap."""
     before_N, after_N = max(d.gap.rms_N, 1e-9), d.gap.corrected_N
     low, high = (1.0 - end / before_N for end in d.gap.corrected_ci95_N[::-1])
-    estimates = tuple(Estimate(p.name, p.value, p.ci95, p.at_bound, default=p.default) for p in chosen.freed)
-    composition, shrink = Composition((setting,)), 1.0 - after_N / before_N
-    return Explanation((PARAMETERS,), (setting.effect.form,), composition, (estimates,), after_N, shrink, (low, high))
+    explanation = _as_explanation(setting, chosen.freed)
+    return replace(explanation, gap_after_N=after_N, shrink=1.0 - after_N / before_N, shrink_ci95=(low, high))
+
+
+def _as_explanation(setting: Setting, parameters: Sequence[FittedParameter] = ()) -> Explanation:
+    """Return an effect, or parameters of the simulation, as an explanation that no held-out recording has tested."""
+    unknown = math.nan, math.nan
+    estimates = tuple(Estimate(p.name, p.value, p.ci95, p.at_bound, default=p.default) for p in parameters) or tuple(
+        Estimate(p.name, value, unknown) for p, value in zip(setting.effect.parameters, setting.values, strict=True)
+    )
+    composition = Composition((setting,))
+    return Explanation((setting.name,), (setting.effect.form,), composition, (estimates,), *unknown, unknown)
 
 
 def _combine(parameters: Explanation, effects: Explanation) -> Explanation:
     """Return the explanation by the parameters and effects beside them; both shrink the original gap."""
-    left = 1.0 - parameters.shrink
-    shrink, *ends = (1.0 - left * (1.0 - share) for share in (effects.shrink, *effects.shrink_ci95))
+    own, theirs = ((one.shrink, *one.shrink_ci95) for one in (parameters, effects))
+    shrink, low, high = (1.0 - (1.0 - a) * (1.0 - b) for a, b in zip(own, theirs, strict=True))
     return replace(
         effects,
         shrink=shrink,
-        shrink_ci95=(ends[0], ends[1]),
+        shrink_ci95=(low, high),
         effects=(*parameters.effects, *effects.effects),
         forms=(*parameters.forms, *effects.forms),
         composition=Composition((*parameters.composition.settings, *effects.composition.settings)),
@@ -265,19 +277,19 @@ def _combine(parameters: Explanation, effects: Explanation) -> Explanation:
 def _weigh(d: Diagnosis, parameters: Explanation) -> Diagnosis:
     """Return the diagnosis with the parameters as its first cause: as probable as that any cause is known.
 
-    Effects beside them keep half of their probability, which is that of the composition; others lose what is left.
+    The other effects shrink that part of the original gap which the parameters leave.
     """
-    known_cause, unknown = 1.0 - d.probability_unknown, d.probability_unknown
-    beside = [c.effects[0] for c in d.causes if c.effects[0] in d.composition.effects]
-    shares = {c.effects[0]: c.probability * (0.5 if c.effects[0] in beside else 0.0) for c in d.causes}
-    causes = [replace(c, probability=min(shares[c.effects[0]], known_cause)) for c in d.causes]
-    own = replace(parameters, probability=max(known_cause - sum(c.probability for c in causes), 0.0))
-    return replace(d, causes=(own, *causes), probability_none=0.0, probability_unknown=unknown)
+    together, left = replace(d.composition, probability=1.0 - d.probability_unknown), 1.0 - parameters.shrink
+    causes = [parameters]
+    for c in d.causes:
+        low, high = (left * share for share in c.shrink_ci95)
+        causes.append(replace(c, probability=0.0, shrink=left * c.shrink, shrink_ci95=(low, high)))
+    return replace(d, causes=tuple(causes), composition=together, probability_none=0.0)
 
 
 def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
     """Return the diagnosis with what explains the gap as well, and with what makes a value a doubt."""
-    doubts = [p.name for p in chosen.freed if p.is_doubtful]
+    doubts = describe_doubtful(chosen.freed)
     text, verdict, doubt, others = d.sentence, d.verdict, d.doubt, d.alternatives
     names_shown = {*(p.name for p in chosen.freed), *d.composition.effects} - {PARAMETERS}
     instead = [alternative for alternative in chosen.alternatives if {*alternative.names} != names_shown]
@@ -286,12 +298,26 @@ def _with_alternatives(d: Diagnosis, chosen: FreedParameters) -> Diagnosis:
         others = tuple(dict.fromkeys((*others, *(n for n in names if n not in d.composition.effects))))
         text += f" As much would be explained by {'; or by '.join(map(describe_alternative, instead))}."
         verdict, doubt = AMBIGUOUS, Doubt.ALTERNATIVES
-        d = replace(d, explained_as_well=tuple(alternative.names for alternative in instead))
+        settings = [(a.effect or a.freed, () if a.effect else a.parameters) for a in instead]
+        untested = {s.name: _as_explanation(s, own) for s, own in settings if s and s.name in others}
+        causes = *(untested.pop(c.effects[0], c) for c in d.causes), *untested.values()
+        d = replace(d, causes=causes, explained_as_well=tuple(alternative.names for alternative in instead))
     if doubts:
-        verb = "lies" if len(doubts) == 1 else "lie"
-        text += f" {join_with(doubts)} {verb} at a bound or far from the default: a sign that something is missing."
+        text = " ".join([text, *doubts])
         verdict, doubt = (AMBIGUOUS, doubt or Doubt.UNCERTAIN) if verdict == NAMED else (verdict, doubt)
-    return replace(d, sentence=text, verdict=verdict, doubt=doubt, alternatives=others)
+    return _share(replace(d, sentence=text, verdict=verdict, doubt=doubt, alternatives=others))
+
+
+def _share(d: Diagnosis) -> Diagnosis:
+    """Return the diagnosis with probabilities that leave the alternatives possible which its sentence names."""
+    together = d.composition.effects
+    odds = {c.effects[0]: c.probability for c in d.causes}
+    odds |= dict.fromkeys(together, d.composition.probability / max(len(together), 1))
+    shared = Probabilities(d.probability_none, d.probability_unknown, odds)
+    if d.alternatives:
+        shared = make_possible(shared, d.alternatives, together)
+    causes, composition = share_probabilities(shared.effects, d.causes, d.composition)
+    return replace(d, causes=causes, composition=composition)
 
 
 def _count(chosen: FreedParameters) -> str:

@@ -11,13 +11,17 @@ from markupsafe import Markup
 from ces_gap.diagnosis import (
     AMBIGUOUS,
     NAMED,
+    NOTHING,
+    OUTSIDE,
     CalibrationCell,
     Diagnosis,
     Estimate,
     Explanation,
     GapRegion,
     HeldOutSeries,
+    Possibility,
     calibration_cells,
+    find_closest,
 )
 from ces_gap.effects.effect import Effect, Setting
 from ces_gap.effects.refitted import NetworkPart
@@ -27,6 +31,7 @@ from ces_gap.limits import RegionLimits
 from ces_gap.report.formatting import (
     effect_name,
     join_effect_names,
+    newtons,
     parameter_as_declared,
     parameter_text,
     percent,
@@ -71,7 +76,7 @@ class ParameterText:
 
 @dataclass(frozen=True)
 class CauseRow:
-    """One effect alone, or one of the other possibilities; numbers that do not apply are None.
+    """One possibility as texts; `cause` is None of what is no effect.
 
     `css` is "named" if the verdict names the effect, or leaves it possible, and "left" for what is no effect; `bench`
     is where a test bench shows it.
@@ -81,25 +86,16 @@ class CauseRow:
     what: str
     form: str
     css: str
-    probability: float | None  # None: in the row of the composition
+    probability: float
     parameters: tuple[ParameterText, ...] = ()
     cause: Explanation | None = None
-    percentage: int = 0
     bench: str = ""
 
     @property
     def unknown(self) -> bool:
         """Whether a number of the effect is not known from these recordings."""
         c = self.cause
-        numbers = () if c is None else (self.probability or 0.0, c.gap_after_N, c.shrink, *c.shrink_ci95)
-        return not all(map(math.isfinite, numbers))
-
-    @property
-    def percent(self) -> str:
-        """The probability in percent, rounded with those of the other rows."""
-        if self.probability is None:
-            return ""
-        return "<1" if self.percentage == 0 and self.probability > 0.0 else f"{self.percentage}"
+        return c is not None and not all(map(math.isfinite, (c.gap_after_N, c.shrink, *c.shrink_ci95)))
 
 
 def parameter_list(parameters: Sequence[ParameterText]) -> Markup:
@@ -118,8 +114,8 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     ),
     Column(
         "Probability [%]",
-        lambda r: r.percent,
-        html=lambda r: BAR.format(r.percent, 100.0 * r.probability, "") if r.probability is not None else Markup(""),
+        lambda r: percent(r.probability),
+        html=lambda r: BAR.format(percent(r.probability), 100.0 * r.probability, ""),
         css="chance-of",
     ),
     Column(
@@ -133,70 +129,64 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
         "Shrink [%]",
         lambda r: percent(r.cause.shrink) if r.cause else "",
         figure=True,
-        small=lambda r: percents(r.cause.shrink_ci95) if r.cause else "",
+        small=lambda r: percents(r.cause.shrink_ci95) if r.cause and math.isfinite(r.cause.shrink) else "",
         css="shrunk",
     ),
 )
 
 
 def cause_table(d: Diagnosis) -> Table[CauseRow]:
-    """Return the probable causes, most probable first, and below them what is no effect of the library.
-
-    The probability is that of the composition, in the first row if it has several effects. Percentages sum to 100.
-    """
-    rest = [
-        CauseRow("none of these", "an effect outside the library", "", "left outside", d.probability_unknown),
-        CauseRow("no effect", "only noise and baseline error", "", "left nothing", d.probability_none),
-    ]
-    rows = [*cause_rows(d), *rest]
-    hidden = [c.probability for c in d.causes if effect_name(c.effects[0]) in effects_without_row(d)]
-    shares = round_percentages([*(row.probability or 0.0 for row in rows), *hidden])
-    rounded = [replace(row, percentage=share) for row, share in zip(rows, shares, strict=False)]
-    return Table(CAUSE_COLUMNS, rounded, "each effect alone")
+    """Return the probable causes, most probable first, and below them what is no effect of the library."""
+    return Table(CAUSE_COLUMNS, cause_rows(d), "probable causes")
 
 
-def round_percentages(shares: Sequence[float]) -> list[int]:
-    """Return whole percentages that sum to the rounded sum of the shares (method of the largest remainder)."""
-    exact = [100.0 * share if math.isfinite(share) else 0.0 for share in shares]
-    whole = [math.floor(value) for value in exact]
-    missing = round(sum(exact)) - sum(whole)
-    for k in sorted(range(len(exact)), key=lambda k: whole[k] - exact[k])[:missing]:
-        whole[k] += 1
-    return whole
+def cause_notes(d: Diagnosis) -> list[str]:
+    """Return sentences on what the rows mean, and the effects that have none."""
+    notes = ["Effects in one row act together; each of them has the probability of all."] * d.is_combined
+    own = "Shrink is of the whole gap; other effects stand beside the changed parameters, and theirs is what they add."
+    notes += [own] * d.is_recalibrated
+    notes += ["\N{EN DASH}: not known from these recordings."] * any(row.unknown for row in cause_rows(d))
+    others = effects_without_row(d)
+    return [*notes, f"Less probable: {', '.join(others)}."] if others else notes
 
 
 def cause_rows(d: Diagnosis) -> list[CauseRow]:
-    """Return the rows of the probable causes, most probable first; several that act together come before all."""
-    causes = [c for i, c in enumerate(d.causes[:MAX_ROWS]) if i < ALWAYS or c.probability >= MIN_PROBABILITY]
+    """Return a row for each possibility but the least probable effects; several that act together come first."""
     named = {*d.composition.effects, *d.alternatives} if d.verdict in (NAMED, AMBIGUOUS) else set()
-    several = d.composition if len(d.composition.effects) > 1 else None
-    rows = [
-        replace(
-            _cause_row(cause),
-            css="named" if cause.effects[0] in named else "",
-            probability=None if several and cause.effects[0] in several.effects else cause.probability,
-        )
-        for cause in causes
-    ]
-    if several is None:
-        return rows
-    css, total = "named" if named else "", sum(c.probability for c in d.causes if c.effects[0] in several.effects)
-    return [CauseRow(join_effect_names(several.effects), TOGETHER, "", css, total, (), several), *rows]
+    closest, rows, count = find_closest(d), [], 0
+    for one in d.possibilities:
+        row = _cause_row(one)
+        alone = len(one.effects) == 1 and one.explanation is not None
+        is_named = {*one.effects} <= named
+        count += alone
+        probable = count <= ALWAYS or (count <= MAX_ROWS and one.probability >= MIN_PROBABILITY)
+        if not alone or probable or is_named or one.explanation is closest:
+            rows.append(replace(row, css="named") if is_named else row)
+    return rows
 
 
-def _cause_row(cause: Explanation) -> CauseRow:
-    """Return the row of an effect, or of several together."""
-    settings = cause.composition.settings
+NO_EFFECTS = {OUTSIDE: ("an effect outside the library", "outside"), NOTHING: ("only noise and error", "nothing")}
+
+
+def _cause_row(one: Possibility) -> CauseRow:
+    """Return the row of an effect, of several together, or of what is none."""
+    cause = one.explanation
+    if cause is None or not cause.effects:
+        (name,) = one.effects or (NOTHING,)
+        what, css = NO_EFFECTS[name]
+        return CauseRow(name, what, "", f"left {css}", one.probability)
+    settings, names = cause.composition.settings, join_effect_names(cause.effects)
+    if len(settings) != 1:
+        return CauseRow(names, TOGETHER, "", "", one.probability, cause=cause)
     return CauseRow(
-        effect=join_effect_names(cause.effects) if cause.effects else "no effect",
-        what=settings[0].effect.summary if len(settings) == 1 else TOGETHER,
-        form=join_effect_names(cause.forms) if cause.forms else "",
+        effect=names,
+        what=settings[0].effect.summary,
+        form=join_effect_names(cause.forms),
         css="",
-        probability=cause.probability,
-        bench=_find_on_bench(settings[0].effect) if len(settings) == 1 else "",
-        parameters=tuple(p for e, s in zip(cause.estimates, settings, strict=True) for p in describe_parameters(e, s)),
+        probability=one.probability,
+        bench=_find_on_bench(settings[0].effect),
+        parameters=describe_parameters(cause.estimates[0], settings[0]),
         cause=cause,
-        percentage=round(100.0 * cause.probability),
     )
 
 
@@ -208,13 +198,14 @@ def _find_on_bench(effect: Effect) -> str:
 
 def explained_table(explanations: Sequence[Explanation]) -> Table[CauseRow]:
     """Return a row for each explanation, for scripts."""
-    return Table(CAUSE_COLUMNS, [_cause_row(one) for one in explanations])
+    rows = [_cause_row(Possibility(one.effects, one.probability, one)) for one in explanations]
+    return Table(CAUSE_COLUMNS, rows)
 
 
 def effects_without_row(d: Diagnosis) -> list[str]:
     """Return the names of the effects that have no row."""
-    shown = {row.effect for row in cause_rows(d) if row.what != TOGETHER}
-    return [n for n in (effect_name(c.effects[0]) for c in d.causes) if n not in shown]
+    shown = {row.effect for row in cause_rows(d)}
+    return [name for name in (effect_name(c.effects[0]) for c in d.causes) if name not in shown]
 
 
 def describe_parameters(estimates: Sequence[Estimate], setting: Setting) -> tuple[ParameterText, ...]:
@@ -236,6 +227,16 @@ def describe_parameters(estimates: Sequence[Estimate], setting: Setting) -> tupl
         )
         for e in estimates
     )
+
+
+def describe_explanation(one: Explanation) -> list[str]:
+    """Return a line for each effect that has parameters, with the gap that is left without it."""
+    lines, gaps = [], one.without_N or (math.nan,) * len(one.effects)
+    for name, found, setting, gap_N in zip(one.effects, one.estimates, one.composition.settings, gaps, strict=True):
+        texts = [*map(str, describe_parameters(found, setting))]
+        texts += [f"without it {newtons(gap_N)} are left"] * math.isfinite(gap_N)
+        lines += [f"{effect_name(name)}: {', '.join(texts)}"] if texts else []
+    return lines
 
 
 Part = tuple[str, str, tuple[ParameterText, ...], float]  # effect, form, parameters, and the gap [N] left without it

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -161,7 +161,10 @@ def load_campaign(path: Path) -> Campaign:
         if content.get(key) in ({}, None) and key in content:
             raise CampaignError(f"{path}: {key} is {content[key]!r}; expected {FILE.kind.fields[key].expected}")
     structures = {name: given["structures"][name] or AXES[name].read({}) for name in content["structures"]}
-    sets = {key: _find_bags(path, given[key] or {}) for key in ("bags", "validate")}
+    sets = {
+        key: {name: tuple(_beside(path, bag) for bag in bags) for name, bags in (given[key] or {}).items()}
+        for key in ("bags", "validate")
+    }
     common = {name: given[name] for name in COMMON}
     count = len(sets["bags"]) * sum(math.prod(map(len, {**own, **common}.values())) for own in structures.values())
     if count > MAX_CELLS:
@@ -176,10 +179,6 @@ def load_campaign(path: Path) -> Campaign:
         signals=_beside(path, given["signals"]) if given["signals"] else None,
         candidates=_load_candidates(path, structures.get(POLYNOMIAL.option, {})),
     )
-
-
-def _find_bags(path: Path, sets: Mapping[str, Sequence[str]]) -> dict[str, tuple[Path, ...]]:
-    return {name: tuple(_beside(path, bag) for bag in bags) for name, bags in sets.items()}
 
 
 def _beside(path: Path, name: str) -> Path:

@@ -8,8 +8,9 @@ steady current are grouped by level, elsewhere into equal ranges of current.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -17,7 +18,14 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_data.reading import RecordingInputs, as_recordings
-from ces_identify.characteristics.conditions import SourceValues, find_conditions, mean, with_sd
+from ces_identify.characteristics.conditions import (
+    SourceValues,
+    find_conditions,
+    list_over_current,
+    list_ranges,
+    mean,
+    with_sd,
+)
 from ces_identify.characteristics.cycles import (
     COMPRESSION,
     DIRECTIONS,
@@ -33,20 +41,28 @@ from ces_identify.characteristics.cycles import (
     last_of_holds,
     steady_current,
 )
-from ces_identify.characteristics.judge import judge
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch, prepare_motion
-from ces_identify.characteristics.over_current import list_over_current, list_ranges
 from ces_identify.characteristics.rows import (
     Characteristics,
     ContinuousForce,
+    ControlRange,
     CycleWork,
+    JudgedValue,
     LoopPoint,
     PeakForce,
     RecordingFacts,
     SpeedBin,
+    ValveResponse,
     find_omissions,
 )
-from ces_identify.characteristics.rules import BRANCHES, LAST_CYCLE, BenchRules, RulesInput, load_rules
+from ces_identify.characteristics.rules import (
+    BRANCHES,
+    LAST_CYCLE,
+    BenchRules,
+    CharacteristicLimits,
+    RulesInput,
+    load_rules,
+)
 from ces_identify.characteristics.steps import average_steps, group_steps, read_steps
 from ces_identify.limits import BinLimits, DynoLimits
 from ces_identify.numerics.correlation import noise_rms
@@ -274,3 +290,62 @@ ROWS_OF: dict[str, Callable[[SourceValues], Iterator[Any]]] = {
     "loops": loop_rows,
     "work": work_rows,
 }
+
+
+WITHIN, OUTSIDE, UNDECIDED, UNKNOWN = "within", "outside", "undecided", "not known"
+NO_INTERVAL = ", no interval"
+
+
+@dataclass(frozen=True)
+class JudgedColumn:
+    """A column that a limit is for, that of its interval, and the factor to the unit of the limit."""
+
+    name: str
+    interval: str
+    factor: float = 1.0
+    at_least: bool = False
+
+
+OF_STEPS: Mapping[str, JudgedColumn] = {
+    "t63_ms": JudgedColumn("time_63_s", "time_63_ci95_s", 1e3),
+    "t90_ms": JudgedColumn("time_90_s", "time_90_ci95_s", 1e3),
+    "rise_ms": JudgedColumn("rise_s", "rise_ci95_s", 1e3),
+    "settled_ms": JudgedColumn("settled_s", "settled_ci95_s", 1e3),
+    "overshoot": JudgedColumn("overshoot", "overshoot_ci95"),
+}
+OF_RANGES: Mapping[str, JudgedColumn] = {
+    "hysteresis_N": JudgedColumn("hysteresis_N", "hysteresis_ci95_N"),
+    "range_N": JudgedColumn("range_N", "range_ci95_N", at_least=True),
+    "ratio": JudgedColumn("ratio", "ratio_ci95", at_least=True),
+}
+
+
+def judge(
+    limits: CharacteristicLimits, responses: Sequence[ValveResponse], ranges: Sequence[ControlRange]
+) -> Iterator[JudgedValue]:
+    """Yield a row for each value of which the rules give a limit, or one that says that there is no value."""
+    steps = [(row, f"{row.from_A:.3g} to {row.to_A:.3g} A, {row.direction}") for row in responses]
+    reaches = [(reach, reach.direction) for reach in ranges]
+    for rows, columns, nothing in ((steps, OF_STEPS, "no step was read"), (reaches, OF_RANGES, "no two currents")):
+        for name, column in columns.items():
+            allowed = getattr(limits, name)
+            if allowed is not None and not rows:
+                yield JudgedValue(source=MEASURED, limit=name, subject=nothing, allowed=allowed, verdict=UNKNOWN)
+            elif allowed is not None:
+                for row, subject in rows:
+                    yield _judge_row(row, f"{subject} at {abs(row.speed_m_s):.3g} m/s", name, column, allowed)
+
+
+def _judge_row(row: Any, subject: str, name: str, column: JudgedColumn, allowed: float) -> JudgedValue:
+    value, reach = (column.factor * getattr(row, one) for one in (column.name, column.interval))
+    room = value - allowed if column.at_least else allowed - abs(value)
+    known = (WITHIN if room >= 0.0 else OUTSIDE) + NO_INTERVAL * math.isnan(reach)
+    return JudgedValue(
+        source=row.source,
+        limit=name,
+        subject=subject,
+        value=value,
+        value_ci95=reach,
+        allowed=allowed,
+        verdict=UNDECIDED if abs(room) < reach else UNKNOWN if math.isnan(value) else known,
+    )

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F
+from ces_identify.characteristics.conditions import group_curves, is_same_test
 from ces_identify.characteristics.cycles import DIRECTIONS
 from ces_identify.characteristics.motion import MEASURED
-from ces_identify.characteristics.over_current import group_curves, is_same_test
 from ces_identify.characteristics.rows import (
     Characteristics,
     ConditionRow,

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_identify.characteristics.cycles import REASONS, Cycles
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion
 from ces_identify.characteristics.rules import BenchRules
@@ -277,7 +277,7 @@ class ResponsePoint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judgement:
+class JudgedValue:
     """A value beside the limit that the rules give it."""
 
     source: str = words("`measured`, or the simulation", "Force", "force")
@@ -334,7 +334,7 @@ class Characteristics(PrintedResult):
     response_points: tuple[ResponsePoint, ...]
     steps: tuple[StepResponse, ...]
     speed_bins: tuple[SpeedBin, ...]
-    judged: tuple[Judgement, ...]
+    judged: tuple[JudgedValue, ...]
     omissions: tuple[Omission, ...]
 
     def to_frame(self, table: str = "peak_velocity") -> Any:
@@ -355,7 +355,7 @@ TABLES: dict[str, type[Any]] = {
     "response_points": ResponsePoint,
     "steps": StepResponse,
     "speed_bins": SpeedBin,
-    "judged": Judgement,
+    "judged": JudgedValue,
     "omissions": Omission,
 }
 

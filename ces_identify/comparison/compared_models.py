@@ -280,7 +280,7 @@ class Difference:
     high: float | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PairResult:
     """Two models compared: `first` and `second` are their indices, `names` their names.
 
@@ -300,6 +300,9 @@ class PairResult:
     better: int | None
     text: str
     names: tuple[str, str]
+
+    def __repr__(self) -> str:
+        return f"PairResult: {self.text}"
 
     def minus(self, model: int) -> Difference:
         """Return the pooled difference as J of the other model minus J of `model`, one of the two."""

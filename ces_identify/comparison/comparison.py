@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.checks.content import require_once
-from ces_data.frames import import_pandas, import_pyplot
+from ces_data.reading import import_pandas, import_pyplot
 from ces_data.recording import Recording
 from ces_identify.comparison.compared_models import (
     TEST,
@@ -218,7 +218,7 @@ def compare(
     Raises CesError for fewer than two models, equal names, or recordings without a force.
     """
     if not 2 <= len(models) <= ComparisonLimits.MAX_MODELS:
-        raise CesError(f"{len(models)} models to compare; expected 2 to {ComparisonLimits.MAX_MODELS}")
+        raise CesError(f"models: {len(models)} given; expected 2 to {ComparisonLimits.MAX_MODELS}")
     names = [model.name for model in models]
     if len(set(names)) < len(names):
         raise CesError(f"two models are named '{max(names, key=names.count)}'; give each a name of its own")

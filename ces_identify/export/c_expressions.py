@@ -44,7 +44,7 @@ class SubsetError(Exception):
     """A source of the tick holds what is not in its subset of Python."""
 
 
-class Term(NamedTuple):
+class CTerm(NamedTuple):
     """An expression in C: its text, type, how tightly its outermost operator binds, and what it does to arrays."""
 
     text: str
@@ -57,7 +57,7 @@ class Term(NamedTuple):
         return self.text if self.rank > rank else f"({self.text})"
 
 
-OF_MATH = {"inf": Term("INFINITY", FLOAT), "nan": Term("NAN", FLOAT), "pi": Term(repr(math.pi), FLOAT)}
+OF_MATH = {"inf": CTerm("INFINITY", FLOAT), "nan": CTerm("NAN", FLOAT), "pi": CTerm(repr(math.pi), FLOAT)}
 
 
 @dataclass(eq=False)
@@ -66,7 +66,7 @@ class Module:
 
     file: str
     docstring: str
-    names: dict[str, Term | Function] = field(default_factory=dict)
+    names: dict[str, CTerm | Function] = field(default_factory=dict)
 
     def error(self, node: ast.AST, what: str = "") -> SubsetError:
         """Return the error for a node."""
@@ -150,28 +150,28 @@ class Expressions:
         self.locals = dict(parameters)
         self.assigned = frozenset(parameters)  # names that surely have a value at this point
 
-    def term(self, node: ast.expr) -> Term:  # noqa: PLR0911  # one for each kind
+    def term(self, node: ast.expr) -> CTerm:  # noqa: PLR0911  # one for each kind
         """Return an expression in C."""
         match node:
             case ast.Constant(value=bool() as value):
-                return Term("true" if value else "false", BOOL)
+                return CTerm("true" if value else "false", BOOL)
             case ast.Constant(value=int() as value) if value < 1 << 63:
-                return Term(f"{value}" if value < SMALL else f"INT64_C({value})", INT)
+                return CTerm(f"{value}" if value < SMALL else f"INT64_C({value})", INT)
             case ast.Constant(value=float() as value):
-                return Term(repr(value), FLOAT)
+                return CTerm(repr(value), FLOAT)
             case ast.Name(id=name):
                 return self._name(node, name)
             case ast.Subscript(value=ast.Name(id=name), slice=index):
                 kind, at = self.locals.get(name, NONE), self.of_type(index, INT)
                 self.require(node, kind in ELEMENT, f"{name} is no array: Floats or Ints, given to the function")
-                return Term(f"{name}[{at.text}]", ELEMENT[kind], PRIMARY, max(READS, at.effect))
+                return CTerm(f"{name}[{at.text}]", ELEMENT[kind], PRIMARY, max(READS, at.effect))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 term = self.term(operand)
                 self.require(node, term.type in (FLOAT, INT), "only a float or an int has a sign")
                 return term._replace(text=f"-{term.within(UNARY)}", rank=UNARY)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 term = self.of_type(operand, BOOL)
-                return Term(f"!{term.within(UNARY - 1)}", BOOL, UNARY, term.effect)
+                return CTerm(f"!{term.within(UNARY - 1)}", BOOL, UNARY, term.effect)
             case ast.BinOp(left=left, op=operator, right=right):
                 return self.operation(node, self.term(left), operator, self.term(right))
             case ast.Compare(left=left, ops=operators, comparators=others):
@@ -180,37 +180,37 @@ class Expressions:
                 terms = [self.of_type(value, BOOL) for value in values]
                 sign, rank = ("&&", AND) if isinstance(operator, ast.And) else ("||", OR)
                 text = f" {sign} ".join(term.within(AND) for term in terms)
-                return Term(text, BOOL, rank, max(term.effect for term in terms))
+                return CTerm(text, BOOL, rank, max(term.effect for term in terms))
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 condition, yes, no = self.of_type(test, BOOL), self.term(body), self.term(orelse)
                 self.same_type(node, yes, no)
                 text = f"{condition.within(CHOICE)} ? {yes.within(CHOICE)} : {no.within(CHOICE - 1)}"
-                return Term(text, yes.type, CHOICE, max(condition.effect, yes.effect, no.effect))
+                return CTerm(text, yes.type, CHOICE, max(condition.effect, yes.effect, no.effect))
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
                 return self._call(node, name, [self.term(argument) for argument in arguments])
         raise self.error(node)
 
-    def of_type(self, node: ast.expr, kind: str) -> Term:
+    def of_type(self, node: ast.expr, kind: str) -> CTerm:
         """Return an expression of this type."""
         term = self.term(node)
         what = f"`{ast.unparse(node)}` has type {WORDS[term.type]}; expected {WORDS[kind]}"
         self.require(node, term.type == kind, what)
         return term
 
-    def same_type(self, node: ast.AST, left: Term, right: Term) -> None:
+    def same_type(self, node: ast.AST, left: CTerm, right: CTerm) -> None:
         """Refuse what is no number, and two types in one operation."""
         what = f"{WORDS[left.type]} and {WORDS[right.type]} are mixed; convert by float() or int()"
         self.require(node, left.type == right.type, what)
         self.require(node, left.type in NUMBERS, f"{WORDS[left.type]}: expected a number")
 
-    def effect(self, node: ast.AST, *terms: Term) -> int:
+    def effect(self, node: ast.AST, *terms: CTerm) -> int:
         """Return what several terms do, of which C may compute any one first; refuse if that could show."""
         *_, second, largest = sorted((FIXED, FIXED, *(term.effect for term in terms)))
         what = "C leaves open whether an element is read or stored first; assign the result of the call to a local"
         self.require(node, largest < STORES or second < READS, what)
         return largest
 
-    def operation(self, node: ast.AST, left: Term, operator: ast.AST, right: Term) -> Term:
+    def operation(self, node: ast.AST, left: CTerm, operator: ast.AST, right: CTerm) -> CTerm:
         """Return an operation on two terms, or their comparison."""
         name = type(operator).__name__
         sign, rank, kinds = OPERATORS.get(type(operator), ("", 0, ()))
@@ -221,40 +221,40 @@ class Expressions:
         )
         effect = self.effect(node, left, right)
         if rank <= ORDER:
-            return Term(f"{left.within(ORDER)} {sign} {right.within(ORDER)}", BOOL, rank, effect)
-        return Term(f"{left.within(rank - 1)} {sign} {right.within(rank)}", left.type, rank, effect)
+            return CTerm(f"{left.within(ORDER)} {sign} {right.within(ORDER)}", BOOL, rank, effect)
+        return CTerm(f"{left.within(rank - 1)} {sign} {right.within(rank)}", left.type, rank, effect)
 
-    def _name(self, node: ast.Name, name: str) -> Term:
+    def _name(self, node: ast.Name, name: str) -> CTerm:
         if name in self.locals:
             self.require(node, name in self.assigned, f"{name} may have no value here")
-            return Term(name, self.locals[name], PRIMARY, VARIES)
+            return CTerm(name, self.locals[name], PRIMARY, VARIES)
         constant = self.module.names.get(name)
-        if isinstance(constant, Term):
+        if isinstance(constant, CTerm):
             return constant
         raise self.error(node, f"{name} is no local with a value, constant or imported name here")
 
-    def _comparison(self, node: ast.Compare, terms: list[Term], operators: list[ast.cmpop]) -> Term:
+    def _comparison(self, node: ast.Compare, terms: list[CTerm], operators: list[ast.cmpop]) -> CTerm:
         effect, once = self.effect(node, *terms), all(term.effect < STORES for term in terms[1:-1])
         self.require(node, once, "a call in the middle of a chain would run twice in C; assign its result to a local")
         parts = [self.operation(node, *part) for part in zip(terms, operators, terms[1:], strict=False)]
         text = " && ".join(part.text for part in parts)
-        return Term(text, BOOL, AND if len(parts) > 1 else parts[0].rank, effect)
+        return CTerm(text, BOOL, AND if len(parts) > 1 else parts[0].rank, effect)
 
-    def _call(self, node: ast.Call, name: str, terms: list[Term]) -> Term:
+    def _call(self, node: ast.Call, name: str, terms: list[CTerm]) -> CTerm:
         effect, kinds = self.effect(node, *terms), [term.type for term in terms]
         inner, called = ", ".join(term.text for term in terms), self.module.names.get(name)
         if isinstance(called, Function):
             expected = list(called.parameters.values())
             self.require(node, kinds == expected, f"{name} takes {', '.join(WORDS[kind] for kind in expected)}")
             effect = max(effect, STORES if called.stored else READS)
-            return Term(f"{called.c_name}({inner})", called.result, PRIMARY, effect)
+            return CTerm(f"{called.c_name}({inner})", called.result, PRIMARY, effect)
         if name == PART and kinds in ([FLOATS, INT], [INTS, INT]):
-            return Term(f"{terms[0].text} + {terms[1].within(SUM)}", kinds[0], SUM, effect)
+            return CTerm(f"{terms[0].text} + {terms[1].within(SUM)}", kinds[0], SUM, effect)
         given = f"{name}({', '.join(WORDS[kind] for kind in kinds)})"
         self.require(node, (name, *kinds) in CALLS, f"{given} is not in the subset")
         what = f"{name} of a constant, which compilers compute otherwise than a library; write the number itself"
         self.require(node, effect > FIXED or name not in INEXACT, what)
         function, kind = CALLS[name, *kinds]
         if function.endswith(")"):
-            return Term(function + terms[0].within(UNARY - 1), kind, UNARY, effect)
-        return Term(f"{function}({inner})", kind, UNARY if function.startswith("(") else PRIMARY, effect)
+            return CTerm(function + terms[0].within(UNARY - 1), kind, UNARY, effect)
+        return CTerm(f"{function}({inner})", kind, UNARY if function.startswith("(") else PRIMARY, effect)

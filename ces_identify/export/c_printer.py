@@ -27,10 +27,10 @@ from ces_identify.export.c_expressions import (
     OF_MATH,
     PRIMARY,
     SUM,
+    CTerm,
     Expressions,
     Function,
     Module,
-    Term,
 )
 from ces_identify.export.c_statements import Comments, FunctionPrinter, block_comment, wrap
 from ces_observer import tick
@@ -94,7 +94,7 @@ class Core:
         self.modules[name] = module
         return ["", *block_comment(module.docstring.partition("\n")[0]), *constants] if constants else []
 
-    def _define(self, module: Module, node: ast.AST, name: str, c_name: str, item: Term | Function) -> None:
+    def _define(self, module: Module, node: ast.AST, name: str, c_name: str, item: CTerm | Function) -> None:
         """Note a constant or function; refuse a name that is already in the tick, in whichever module."""
         what = f"{name}: expected a name that is nowhere else in the tick; see {self.defined.get(c_name)}"
         module.require(node, c_name not in self.defined, what)
@@ -103,7 +103,7 @@ class Core:
 
     def _import(self, module: Module, node: ast.ImportFrom, source: str) -> None:
         home = self.modules.get(source.removeprefix(f"{TICK}."))
-        names: Mapping[str, Term | Function] = OF_MATH if source == "math" else home.names if home else {}
+        names: Mapping[str, CTerm | Function] = OF_MATH if source == "math" else home.names if home else {}
         is_seen, what = names or source == f"{TICK}.arrays", "expected a name of math, or of a module before this one"
         for alias in node.names:
             module.require(node, bool(is_seen) and not alias.asname, f"{alias.name} of {source}: {what}, not renamed")
@@ -118,14 +118,14 @@ class Core:
                 terms = [expressions.of_type(bound, INT) for bound in bounds]
                 places = [f"CES_{ast.unparse(name).lstrip('_')}" for name in names]
                 for name, place in zip(names, places, strict=True):
-                    self._define(module, node, ast.unparse(name), place, Term(place, INT))
+                    self._define(module, node, ast.unparse(name), place, CTerm(place, INT))
                 first = f"{places[0]} = {terms[0].text}" if len(terms) > 1 else places[0]
                 step = f" + {terms[2].within(SUM)}" if len(terms) > 2 else ""
                 later = [f"{place} = {before}{step}" if step else place for before, place in pairwise(places)]
                 return f"enum {{ {', '.join([first, *later])} }};"
             case ast.Assign(targets=[ast.Name(id=name)], value=value):
                 term, place = expressions.term(value), f"CES_{name.lstrip('_')}"
-                self._define(module, node, name, place, Term(place, term.type))
+                self._define(module, node, name, place, CTerm(place, term.type))
                 is_small = term.type == INT and "INT64_C" not in term.text
                 written = f"enum {{ {place} = {term.text} }};" if is_small else ""
                 return written or f"#define {place} {term.within(PRIMARY - 1)}"

@@ -12,7 +12,7 @@ import re
 import textwrap
 import tokenize
 
-from ces_identify.export.c_expressions import BOOL, INT, NONE, NUMBERS, OPERATORS, WORDS, Expressions, Function, Term
+from ces_identify.export.c_expressions import BOOL, INT, NONE, NUMBERS, OPERATORS, WORDS, CTerm, Expressions, Function
 
 WIDTH = 120
 INDENT = "    "
@@ -121,7 +121,7 @@ class FunctionPrinter(Expressions):
                 term = self.term(call)
                 self._put(f"{'' if term.type == NONE else '(void)'}{term.text};", node)
             case ast.Return(value=value):
-                term = self.term(value) if value else Term("", NONE)
+                term = self.term(value) if value else CTerm("", NONE)
                 what = f"the result has type {WORDS[term.type]}; expected {WORDS[self.function.result]}"
                 self.require(node, term.type == self.function.result, what)
                 self._put(f"return {term.text};" if value else "return;", node)
@@ -138,7 +138,7 @@ class FunctionPrinter(Expressions):
         if isinstance(node, ast.Return | ast.Break | ast.Continue):  # what follows is never reached
             self.assigned = frozenset({*self.spans, *self.counters})
 
-    def _target(self, node: ast.stmt, target: ast.expr, value: Term) -> str:
+    def _target(self, node: ast.stmt, target: ast.expr, value: CTerm) -> str:
         """Return the left side of an assignment, with a declaration where there is none."""
         self.require(node, value.type in NUMBERS, "only numbers are assigned, to one name or element")
         if isinstance(target, ast.Subscript):

@@ -140,11 +140,6 @@ def list_parameters() -> list[Option]:
     return [option for option in listed if option.name != CONSTANT]
 
 
-def _idle_names() -> list[str]:
-    """Return the parameters that may change only while the node is not configured."""
-    return [option.name for option in list_parameters() if not option.live]
-
-
 def parameter_library(name: str, options: Iterable[Option]) -> str:
     """Return parameters.yaml for generate_parameter_library, which declares the `options` in the C++ namespace `name`.
 
@@ -166,12 +161,13 @@ def reason_header() -> str:
     names = {text: name for name, text in vars(reasons).items() if isinstance(text, str) and name.isupper()}
     names |= {getattr(damper_observer, name): name for name in NODE_REASONS}
     texts = [*reasons.REASONS, *(getattr(damper_observer, name) for name in NODE_REASONS)]
+    idle = [option.name for option in list_parameters() if not option.live]
     return WORDS.format(
         digest=tick_digest(),
         rounded=", ".join(rounding_sample(seed).hex() for seed in SEEDS),
         largest=NumberLimits.MAX_COEFFICIENT,
         others=", ".join(f'"{name}"' for name in PYTHON_ONLY),
-        idle=", ".join(f'"{name}"' for name in (*_idle_names(), CONSTANT)),
+        idle=", ".join(f'"{name}"' for name in (*idle, CONSTANT)),
         in_use=_literal(IN_USE),
         names=", ".join([*(names[text] for text in reasons.REASONS), *NODE_REASONS]),
         count=len(texts),

@@ -175,9 +175,8 @@ def write_flat(model: Model, name: str, certificate: Certificate) -> bytes:
     """Return the bytes of the flat file. Raises ModelError if the tick would not stay within the model's arrays."""
     arrays = lay_out_estimator(model)
     require_within(arrays, name)
-    text = "".join(
-        f"{key}={_as_line(value)}\n" for key, value in _flat_facts(model, name, certificate).items()
-    ).encode()
+    facts = _flat_facts(model, name, certificate).items()
+    text = "".join(f"{key}={' '.join(str(value).split())}\n" for key, value in facts).encode()
     content = HEAD.pack(MAGIC, VERSION, len(text)) + text
     content += bytes(-len(content) % 8) + b"".join(map(_pack, arrays))
     return content + CHECKSUM.pack(zlib.crc32(content))
@@ -212,10 +211,6 @@ def _flat_facts(model: Model, name: str, certificate: Certificate) -> dict[str, 
         "claim": certificate.claim,
         "version": __version__,
     }
-
-
-def _as_line(value: object) -> str:
-    return " ".join(str(value).split())
 
 
 def _pack(part: Arrays) -> bytes:

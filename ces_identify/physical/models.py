@@ -29,8 +29,7 @@ from ces_identify.physical.layout import (
 from ces_identify.training import Training
 from ces_observer.limits import NumberLimits
 from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
-from ces_observer.structures.hydraulic import NEVER_S, Hydraulic
-from ces_observer.structures.physical import LONG_TICK, FrictionElement, SideForces, ValvePath
+from ces_observer.structures.hydraulic import LONG_TICK, NEVER_S, FrictionElement, Hydraulic, SideForces, ValvePath
 from ces_observer.structures.structure import OperatingRange
 
 FITTED_RATE_HZ = 500.0  # rate of the ticks whose errors a fit counts: forces hold nothing faster

@@ -7,7 +7,7 @@ from numba import njit
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
-from ces_observer.structures.physical import PLAYS
+from ces_observer.structures.hydraulic import PLAYS
 from ces_observer.tick.valve import (
     KEEP, PLAY, PLAY_HALF, VALVE_CURRENTS, VALVE_FALL, VALVE_NODES, VALVE_PART, VALVE_RISE, VALVE_SETTINGS,
 )  # fmt: skip

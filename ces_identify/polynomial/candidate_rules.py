@@ -21,7 +21,7 @@ from ces_observer.structures.constructed_inputs import (
     Lag,
     TriangularMembership,
 )
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 FORMS = {"signed": True, "magnitude": False}
 MAX_CANDIDATES = 6000

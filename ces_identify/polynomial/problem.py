@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.limits import EnvelopeLimits, StabilityLimits, TickLimits, VerdictLimits
+from ces_identify.limits import EnvelopeLimits, MisfitLimits, StabilityLimits, TickLimits
 from ces_identify.numerics import kernels
 from ces_identify.numerics.core import compile_tick, core_kernel
 from ces_identify.numerics.kernels import TermArrays
@@ -24,8 +24,8 @@ from ces_observer.errors import RecordingError
 from ces_observer.flat import ArrayLayout
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, TriangularMembership, lay_out_constructed
+from ces_observer.structures.polynomial import Factor, Term, collect_constructed
 from ces_observer.structures.structure import Range
-from ces_observer.structures.terms import Factor, Term, collect_constructed
 from ces_observer.tick.constructed import constructed_update, membership
 from ces_observer.tick.model import clamp
 
@@ -298,7 +298,7 @@ def find_current_gap(current: F) -> Range | None:
     ordered, few = np.sort(current), int(EnvelopeLimits.MIN_SHARE * len(current)) + 1
     span, widths = float(np.ptp(ordered)), ordered[few:] - ordered[:-few]
     widest = int(np.argmax(widths))
-    if span < VerdictLimits.MIN_CURRENT_SPAN_A or widths[widest] <= EnvelopeLimits.MAX_CURRENT_GAP * span:
+    if span < MisfitLimits.MIN_CURRENT_SPAN_A or widths[widest] <= EnvelopeLimits.MAX_CURRENT_GAP * span:
         return None
     margin = EnvelopeLimits.INPUT_MARGIN * span
     return float(ordered[widest] + margin), float(ordered[widest + few] - margin)

@@ -33,7 +33,7 @@ from ces_observer.structures.constructed_inputs import (
     TriangularMembership,
     make_memberships,
 )
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 EXPECTED = f"candidate rules: {', '.join(SIGNALS)} and products"
 MEMBERSHIPS = "hats"

@@ -33,7 +33,7 @@ from ces_observer.tick.tracker import (
 DROPPED_OUTLIER = "outlier"  # a reason of `Series.dropped`
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Series:
     """A prepared recording on its ticks.
 
@@ -57,6 +57,9 @@ class Series:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def __repr__(self) -> str:
+        return f"Series {self.name}: {len(self)} ticks at {self.rate_Hz:g} Hz, {int(self.scored.sum())} of them scored"
 
     @property
     def inputs(self) -> F:
@@ -190,27 +193,20 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
     position, speed = (np.where(has_speed, late[:, i], ticks[:, i]) for i in (0, 1))
     del ticks, late
     current = np.repeat(samples.current, np.diff(total, prepend=0))
-    time_s, dropped = (stamps_ns - samples.stamps_ns[0]) * 1e-9, samples.dropped
-    del samples
     starts = total[status == RESTARTED] - 1
     if not len(starts):
-        low, high = sampling.stroke_m
-        raise RecordingError(
-            f"{recording.name}: no position lies between {low:g} and {high:g} m, where the model believes them; check "
-            "sign, unit and offset of the position in the signals file"
-        )
+        raise RecordingError(f"{recording.name}: {_explain_stroke(status, samples.current, sampling)}")
+    time_s, dropped = (stamps_ns - samples.stamps_ns[0]) * 1e-9, samples.dropped
+    del samples
     segments = np.stack([starts, np.append(starts[1:], len(position))], axis=1)
     force = force_at(recording, stamps_ns, sampling.max_gap_s, has_spikes)
     warm_up = round(sampling.warm_up_s * sampling.rate_Hz)
     longest = np.diff(segments).max() - sampling.delay_ticks
     if longest <= warm_up:
-        beyond = int((status == BEYOND_STROKE).sum())
-        low, high = sampling.stroke_m
-        lost = f"; {beyond} positions are beyond {low:.3g} to {high:.3g} m, which the model knows: check their unit"
-        raise RecordingError(
-            f"{recording.name}: too short: the longest stretch without a gap lasts {longest / sampling.rate_Hz:.3g} s; "
-            f"expected more than {sampling.warm_up_s:g} s, after which there are forces{lost if beyond else ''}"
-        )
+        short = f"too short: the longest stretch without a gap lasts {longest / sampling.rate_Hz:.3g} s; expected more"
+        short += f" than {sampling.warm_up_s:g} s, after which there are forces"
+        most = (status == BEYOND_STROKE).mean() > TickLimits.MAX_BEYOND
+        raise RecordingError(f"{recording.name}: {_explain_stroke(status, current, sampling) if most else short}")
     since_start = np.arange(len(position)) - np.repeat(segments[:, 0], np.diff(segments)[:, 0])
     dropped = dropped | {
         "out of order": int((status == OUT_OF_ORDER).sum()),
@@ -230,6 +226,16 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
         warm_up=warm_up,
         dropped=dropped,
     )
+
+
+def _explain_stroke(status: NDArray[np.int8], current: F, sampling: Sampling) -> str:
+    """Return that positions of this status (n,) are beyond the model's stroke, and what may be wrong with them."""
+    beyond, (low, high) = int((status == BEYOND_STROKE).sum()), sampling.stroke_m
+    text = (
+        f"{beyond} of {len(status)} positions are beyond {low:.3g} to {high:.3g} m, which the model knows; check unit"
+    )
+    is_stroke = changes(current) and low <= current.min() and current.max() <= high
+    return f"{text} (m), sign and offset of the position{', or is it exchanged with the current?' if is_stroke else ''}"
 
 
 def track_samples(samples: PositionSamples, sampling: Sampling) -> Tracked:

@@ -29,7 +29,7 @@ from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
 from ces_identify.structures.polynomial import COSTS_BY_TERMS, size_sections
-from ces_identify.validation.cost_table import cost_table, interval_text, percent
+from ces_identify.validation.cost_table import COSTS, cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
     VALIDATION,
@@ -50,7 +50,6 @@ from ces_report.typesetting import join_names, minus, three_figures
 ROLES = (VALIDATION, IDENTIFICATION)
 MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
-COSTS = "cost_J_percent"  # key in the provenance; the first table shows them
 LISTED = (COSTS, IDENTIFICATION, VALIDATION, "usage")  # keys of the provenance; tables show them
 HASH_DIGITS = 16
 SHOWN_ABOVE = (COSTS_BY_TERMS, ERRORS, UNDETERMINED, "structure", "structures", REASON)  # of the selection
@@ -169,12 +168,15 @@ def _describe_costs(evaluations: Sequence[Evaluation]) -> str:
 
 
 def _format_warnings(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return warnings about forces held at their envelope and inputs outside theirs, with the signals' ranges.
+    """Return the warnings of evaluations: no force, held at its envelope, outside the band; inputs outside theirs.
 
     Of more than MAX_WARNED recordings outside, the worst stands for all.
     """
     held = sorted((e for e in evaluations if e.held_text), key=lambda e: -e.held_share)
-    texts = [minus(f"{e.held_text} ({e.role}).") for e in held[:MAX_WARNED]]
+    others = [(e.lost_text, e.role) for e in evaluations if e.lost_text][:MAX_WARNED]
+    others += [(e.held_text, e.role) for e in held[:MAX_WARNED]]
+    others += [(e.band_text, e.role) for e in evaluations if e.band_text][:MAX_WARNED]
+    texts = [minus(f"{text} ({role}).") for text, role in others]
     outside = [e for e in evaluations if e.outside]
     if len(outside) <= MAX_WARNED:
         return texts + [minus(f"{e.outside_text} ({e.role}).") for e in outside]

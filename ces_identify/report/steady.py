@@ -49,7 +49,7 @@ def recorded_currents(model: Model) -> F:
     low, high = model.envelope.current_A
     margin = EnvelopeLimits.INPUT_MARGIN / (1.0 + 2.0 * EnvelopeLimits.INPUT_MARGIN) * (high - low)
     currents = np.clip(np.round(curve_currents(low + margin, high - margin), DECIMALS), low, high)
-    return np.asarray(currents[~is_outside(model, "current", currents)])
+    return np.asarray(currents[~is_outside(model, "current", currents)]) + 0.0  # no -0
 
 
 def measured_medians(series: Sequence[Series], current: float, currents: F, stroke: Range) -> tuple[F, F]:

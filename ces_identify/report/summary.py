@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.limits import VerdictLimits
+from ces_identify.limits import MisfitLimits
 from ces_identify.report.figures import SpeedCurrentGrid, Window
 from ces_identify.structures.auto import AUTO, advise
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, pooled_cost
@@ -69,7 +69,7 @@ def _judge_fit(held_out: Sequence[Evaluation], shown: Sequence[Evaluation], own:
 
 
 def _fit_word(cost: float) -> str:
-    return next(word for limit, word in VerdictLimits.FITS if cost < limit or limit == math.inf)
+    return next(word for limit, word in MisfitLimits.FITS if cost < limit or limit == math.inf)
 
 
 class _Region(NamedTuple):
@@ -84,7 +84,7 @@ def _find_worst_region(evaluations: Sequence[Evaluation], own: Sequence[Evaluati
     """Return the cell with most of the error's energy."""
     scored = [(e.series.speed[e.series.scored], e.series.current[e.series.scored]) for e in evaluations]
     speed, current = map(np.concatenate, zip(*scored, strict=True))
-    constant = np.ptp(current) < VerdictLimits.MIN_CURRENT_SPAN_A
+    constant = np.ptp(current) < MisfitLimits.MIN_CURRENT_SPAN_A
     grid = SpeedCurrentGrid(
         np.linspace(speed.min(), max(speed.max(), speed.min() + 1e-3), SPEEDS + 1),
         np.linspace(current.min(), max(current.max(), current.min() + 1e-3), 2 if constant else CURRENTS + 1),
@@ -97,7 +97,7 @@ def _find_worst_region(evaluations: Sequence[Evaluation], own: Sequence[Evaluati
     where = f"{grid.speed[v]:.2f} to {grid.speed[v + 1]:.2f} m/s"
     where += "" if constant else f" and {grid.current[c]:.2f} to {grid.current[c + 1]:.2f} A"
     share = f"{100.0 * energy[v, c] / energy.sum():.0f} % of the error's energy in {time[v, c]:.0f} % of the time"
-    is_misfit = bool(own) and grid.rms(own)[v, c] > VerdictLimits.MISFIT_SHARE * rms[v, c]
+    is_misfit = bool(own) and grid.rms(own)[v, c] > MisfitLimits.MISFIT_SHARE * rms[v, c]
     return _Region(where, f"{share}, RMS {rms[v, c]:.0f} N", is_misfit)
 
 
@@ -106,7 +106,7 @@ def _describe_trust(model: Model, held_out: Sequence[Evaluation]) -> str:
     proof = "Not proved stable" if model.certificate is None else f"Proved stable; {summarize(model.certificate)}"
     bound = (model.certificate or {}).get("force_bound_N")
     if bound is not None and "|force|" not in proof:
-        loose = " (a loose bound)" if bound > VerdictLimits.LOOSE * max(map(abs, model.force_envelope_N)) else ""
+        loose = " (a loose bound)" if bound > MisfitLimits.LOOSE * max(map(abs, model.force_envelope_N)) else ""
         proof += f"; |force| at most {three_figures(bound / 1000.0)} kN{loose}"
     ranges = "{:.2f} to {:.2f} m/s".format(*model.envelope.speed_m_s)
     ends = dict.fromkeys(f"{end:.3g}" for end in model.envelope.current_A)
@@ -124,7 +124,7 @@ def _describe_trust(model: Model, held_out: Sequence[Evaluation]) -> str:
 
 def _share_of_road(envelope: Envelope) -> float:
     """Return the share of the time that a normally distributed speed is within the envelope's speeds."""
-    low, high = (math.erf(end / (VerdictLimits.ROAD_SPEED_M_S * math.sqrt(2.0))) for end in envelope.speed_m_s)
+    low, high = (math.erf(end / (MisfitLimits.ROAD_SPEED_M_S * math.sqrt(2.0))) for end in envelope.speed_m_s)
     return 0.5 * (high - low)
 
 
@@ -132,15 +132,15 @@ def _propose_recording(model: Model, held_out: Sequence[Evaluation], region: _Re
     low, high = model.envelope.current_A
     if not held_out:
         return "One that it never sees, as --validate BAG: the costs here show the fit, not the prediction."
-    outside = [e for e in held_out if e.outside and e.outside_share > VerdictLimits.MAX_OUTSIDE]
+    outside = [e for e in held_out if e.outside and e.outside_share > MisfitLimits.MAX_OUTSIDE]
     if outside:
         worst = max(outside, key=lambda e: e.outside_share)
         return f"What {worst.name} has and the model does not know: {', '.join(map(str, worst.outside))}."
-    fast = f"Faster strokes, up to {3.0 * VerdictLimits.ROAD_SPEED_M_S:.1f} m/s."
+    fast = f"Faster strokes, up to {3.0 * MisfitLimits.ROAD_SPEED_M_S:.1f} m/s."
     if (gap := model.used_gap_A) is not None:
         return "Currents between {:.3g} and {:.3g} A: none was recorded, and the model interpolates there.".format(*gap)
-    one_current = high - low < VerdictLimits.MIN_CURRENT_SPAN_A
-    if one_current or _share_of_road(model.envelope) < 1.0 - VerdictLimits.MAX_OUTSIDE:
+    one_current = high - low < MisfitLimits.MIN_CURRENT_SPAN_A
+    if one_current or _share_of_road(model.envelope) < 1.0 - MisfitLimits.MAX_OUTSIDE:
         return f"Other currents: it knows {high:.3g} A only." if one_current else fast
     if region is not None and region.is_misfit:
         return f"More will hardly help: at {region.where} the error is as large on the model's own recordings."

@@ -8,15 +8,15 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from functools import wraps
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ces_data.arrays import F
-from ces_data.frames import is_table
 from ces_data.logs.frame import is_frame
-from ces_data.reading import SIGNALS, as_recordings
+from ces_data.reading import SIGNALS, as_recordings, is_table
 from ces_data.recording import Recording as Logged
 from ces_identify.options import IdentifyRequest
 from ces_identify.prepare.series import prepare
@@ -24,7 +24,7 @@ from ces_identify.scripting.model import Model, identify_model
 from ces_identify.scripting.recording import Recording
 from ces_identify.simulations.simulate import sample_run
 from ces_identify.validation.evaluate import VALIDATION, evaluate
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, suggest
 
 try:
     from sklearn.base import BaseEstimator, RegressorMixin
@@ -48,6 +48,10 @@ except ImportError:
             return f"{type(self).__name__}({', '.join(f'{f.name}={given[f.name]!r}' for f in changed)})"
 
 
+class OptionError(CesError, TypeError):
+    """An option that there is not; a TypeError as Python expects it."""
+
+
 class NotIdentifiedError(CesError, NotFittedError):  # type: ignore[misc]
     """A model that was not identified yet."""
 
@@ -56,9 +60,27 @@ class DataError(CesError, ValueError):
     """What is given in place of recordings is none; a ValueError as scikit-learn expects it."""
 
 
+T = TypeVar("T")
 COLUMNS = ("time_s", "position_m", "current_A")
 
 
+def _require_options(model: T) -> T:
+    """Return a dataclass that raises OptionError for an option that it has not."""
+    made: Any = model
+    make = made.__init__
+
+    @wraps(make)
+    def init(self: Any, *args: Any, **options: Any) -> None:
+        known = [field.name for field in fields(made)]
+        if unknown := next((name for name in options if name not in known), ""):
+            raise OptionError(f"{unknown}: is no option of {made.__name__}{suggest(unknown, known)}")
+        make(self, *args, **options)
+
+    made.__init__ = init
+    return model
+
+
+@_require_options
 @dataclass(eq=False, repr=False)
 class DamperModel(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """Identifies a model: `fit`, then `predict` its forces, `score` them.

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from markupsafe import Markup
@@ -17,8 +17,7 @@ from ces_data.arrays import F
 from ces_data.checks.check import check_each, check_together, require_sound
 from ces_data.checks.content import require_distinct, require_once
 from ces_data.findings import warn
-from ces_data.frames import import_pandas, import_pyplot
-from ces_data.outputs import MODEL, REPORT, require_outputs
+from ces_data.outputs import REPORT, require_model_name, require_outputs
 from ces_data.reading import (
     SIGNALS,
     PathInput,
@@ -27,9 +26,11 @@ from ces_data.reading import (
     as_path,
     as_recordings,
     describe_finding,
+    import_pandas,
+    import_pyplot,
 )
 from ces_data.recording import join_days
-from ces_identify.identification import COSTS, identify
+from ces_identify.identification import identify
 from ces_identify.numerics.least_squares import one_blas_thread
 from ces_identify.numerics.search import SearchResult
 from ces_identify.options import IdentifyRequest
@@ -40,26 +41,31 @@ from ces_identify.report.steady import CURVE_SPEEDS, recorded_currents, steady_f
 from ces_identify.scripting.progress import Progress
 from ces_identify.scripting.search_results import SearchResults
 from ces_identify.scripting.simulating import like, only, simulate, warn_all
-from ces_identify.simulations.prediction import predict_series
-from ces_identify.simulations.simulate import is_outside, sample_run, simulate_series
+from ces_identify.simulations.simulate import (
+    force_at_samples,
+    is_outside,
+    predict_series,
+    sample_run,
+    simulate_series,
+)
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.structures import model_section
+from ces_identify.structures.hydraulic import Quantity, list_quantities
 from ces_identify.structures.polynomial import coefficient_unit, format_term
 from ces_identify.validation.band import band_half_width
 from ces_identify.validation.checked import evaluate_checked, warnings_on
-from ces_identify.validation.cost_table import Evaluations, cost_table, known_cost_table
+from ces_identify.validation.cost_table import Evaluations, KnownCosts
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size
 from ces_identify.validation.lacks import describe_gap
 from ces_identify.validation.standard_errors import standard_errors
 from ces_observer import model
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, Suggesting
 from ces_observer.records import in_files
+from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.polynomial import Polynomial
 from ces_report.shell import PageHead
-from ces_report.table import Table
 from ces_report.typesetting import UNITS, format_alike, join_with
 
-MAX_STEPS = 100_000  # ticks ahead
 MAX_BEYOND = 0.01  # of the span that a model knows: a rounded number counts as the end of it
 
 
@@ -69,9 +75,12 @@ SHOWN = (
 )  # fmt: skip  # what docs/api.md says, and plain facts; the rest is the runtime's
 
 
+OF_COSTS = ("J", "cost", "costs", "coverage", "error", "fit_percent", "interval", "residuals", "rms_N")
+
+
 @dataclass(frozen=True, repr=False)
-class Model(model.Model):
-    """A force model with what can be done with it; `evaluations` are its costs where it was identified.
+class Model(Suggesting, model.Model):
+    """A force model with what can be done with it.
 
     Recordings are paths of bags and logs, DataFrames, mappings of arrays, or `Recording` objects.
 
@@ -80,14 +89,30 @@ class Model(model.Model):
         model.report("report.html", "rig/road")
     """
 
-    evaluations: Evaluations = field(default=Evaluations(), metadata=in_files(None), compare=False)
+    evaluated: Evaluations = field(default=Evaluations(), metadata=in_files(None), compare=False)
     search_results: SearchResults = field(default=SearchResults(), metadata=in_files(None), compare=False)
+
+    def __new__(cls, *args: Any, **fields: Any) -> Self:
+        """Return a new one; raises CesError for a path alone."""
+        if len(args) + len(fields) == 1 and args:
+            raise CesError("a Model is read by Model.load(path), or made by ces.identify(recordings)")
+        return super().__new__(cls)
 
     def __hash__(self) -> int:
         return hash(self.to_json())
 
+    @property
+    def evaluations(self) -> Evaluations | KnownCosts:
+        """The free runs of the identification with their costs; of a model from a file, the costs that it names."""
+        return self.evaluated or KnownCosts.of(self)
+
     def __dir__(self) -> list[str]:
         return [*SHOWN, *(name for name in super().__dir__() if name.startswith("_"))]
+
+    def _suggest(self, name: str) -> str:
+        if name in OF_COSTS:
+            return "; model.evaluations has it for each recording of the identification, model.validate(...) for others"
+        return super()._suggest(name)
 
     @classmethod
     def load(cls, path: PathInput) -> Model:
@@ -113,15 +138,20 @@ class Model(model.Model):
     def predict(self, recording: RecordingInput, steps: int = 1) -> Any:
         """Return the force [N] at every position sample (n,), predicted `steps` ticks ahead from the measured ones.
 
-        A model without its own past force in it, such as a hydraulic network, predicts what it simulates. NaN where
-        `simulate` has none; a DataFrame's force is a Series with its index. Raises CesError without a measured force.
+        A model without its own past force in it, such as a hydraulic network, predicts what it simulates, as does a
+        prediction over more ticks than a stretch has. NaN where `simulate` has none; a DataFrame's force is a Series
+        with its index. Raises CesError without a measured force.
         """
-        if not isinstance(steps, int) or not 1 <= steps <= MAX_STEPS:
-            raise CesError(f"steps: is {steps!r}; expected a whole number of ticks from 1 to {MAX_STEPS}")
-        given = only(as_recordings(recording))
+        if not isinstance(steps, int | np.integer) or steps < 1:
+            raise CesError(f"steps: is {steps!r}; expected a whole number of ticks, at least 1")
+        given = only(as_recordings(recording, called="recording"))
         run = sample_run(self, given)
         warn_all(warnings_on(run, given.name))
-        force = predict_series(self, run.series, steps)[run.newest]
+        if steps >= (longest := int(np.diff(run.series.segments).max())):
+            warn(f"steps: {steps} ticks are longer than any stretch of {given.name} ({longest} ticks): it is simulated")
+            return like(recording, given, run.force)
+        predicted = predict_series(self, run.series, int(steps))
+        force = force_at_samples(predicted, run.newest, run.ahead, self.force_envelope_N)
         return like(recording, given, np.where(np.isfinite(run.force), force, np.nan))
 
     def validate(self, recordings: RecordingInputs) -> Evaluations:
@@ -144,19 +174,18 @@ class Model(model.Model):
         return Evaluations(evaluations)
 
     def force_speed(self, currents: ArrayLike | None = None, speeds: ArrayLike | None = None) -> Any:
-        """Return steady forces [N] at mid-stroke as a DataFrame: a row for each current [A], a column for each speed.
+        """Return steady forces [N] at mid-stroke as a DataFrame: a row for each speed [m/s], a column for each current.
 
-        Each is the force at the end of a stroke at constant speed [m/s] and current; by default those of the page,
-        with currents that were recorded. A speed or current outside `envelope` by up to 1 % of its span counts as the
-        end of it, with a warning.
-        Raises CesError for others, and without pandas.
+        Each is the force at the end of a stroke at constant speed and current [A]; by default those of the page, with
+        four currents between those recorded. A speed or current outside `envelope` by up to 1 % of its span counts as
+        the end of it, with a warning. Raises CesError for others, and without pandas.
         """
         pandas, (slow, fast) = import_pandas(), self.envelope.speed_m_s
         default_speeds = np.clip(curve_speeds(slow, fast, CURVE_SPEEDS), slow, fast)
         at = self._within("current", recorded_currents(self) if currents is None else currents, "A")
         v = self._within("speed", default_speeds if speeds is None else speeds, "m/s")
-        index, columns = pandas.Index(at, name="current_A"), pandas.Index(v, name="speed_m_s")
-        return pandas.DataFrame(steady_forces(self, at, v), index=index, columns=columns)
+        index, columns = pandas.Index(v, name="speed_m_s"), pandas.Index(at, name="current_A")
+        return pandas.DataFrame(steady_forces(self, at, v).T, index=index, columns=columns)
 
     def _within(self, name: str, given: ArrayLike, unit: str) -> F:
         """Return numbers (n,) within the envelope of a signal; raises CesError."""
@@ -179,7 +208,7 @@ class Model(model.Model):
         Times with inputs outside `envelope` are shaded. Raises CesError.
         """
         pyplot = import_pyplot()
-        one = only(as_recordings(recording, need=SIGNALS[:2]))
+        one = only(as_recordings(recording, need=SIGNALS[:2], called="recording"))
         series = prepare(one, self.sampling)
         run, is_measured = simulate_series(self, series), bool(np.isfinite(series.force).any())
         figure, (over_time, over_speed) = pyplot.subplots(
@@ -192,14 +221,18 @@ class Model(model.Model):
             axes.plot(x, run.force, style, label="simulated", color="C1", linewidth=1.0, markersize=1.5)
             axes.grid(alpha=0.3)
         if self.band is not None:
-            half = band_half_width(self.band, series, run.force)
+            half = band_half_width(self.band, series, run.force, self.used_gap_A)
             low, high, name = run.force - half, run.force + half, f"band ({100 * self.band.level:.0f} %)"
             over_time.fill_between(series.time_s, low, high, color="C1", alpha=0.25, linewidth=0.0, label=name)
         if run.clamped.any():
             ends, whole = over_time.get_xaxis_transform(), {"color": "0.5", "alpha": 0.2, "linewidth": 0.0}
             where = {"where": run.clamped, "transform": ends, "label": "outside the envelope"}
             over_time.fill_between(series.time_s, 0.0, 1.0, **where, **whole)
-        over_time.set(xlabel="Time [s]", ylabel="Force [N]", title=self._title(one.name, series, run.force))
+        over_time.set(
+            xlabel="Time [s]",
+            ylabel="Force [N], positive in compression",
+            title=self._title(one.name, series, run.force),
+        )
         over_speed.set(xlabel="Speed [m/s], positive in compression")
         over_time.legend(loc="upper right")
         return figure
@@ -212,7 +245,8 @@ class Model(model.Model):
 
     def save(self, path: PathInput, *, overwrite: bool = False) -> None:
         """Write the model file. Raises CesError, also for one that exists, unless `overwrite`."""
-        require_outputs(overwrite, {MODEL: (target := as_path(path, "path"))})
+        require_model_name(target := as_path(path, "path"))
+        require_outputs(overwrite, {"model": target})
         super().save(target)
 
     def report(
@@ -231,7 +265,7 @@ class Model(model.Model):
         require_outputs(overwrite, {REPORT: (target := as_path(path, "path"))})
         given = as_recordings(recordings, required=False)
         added, days = self.validate(given) if given else [], [one.day for one in given]
-        evaluations = [*self.evaluations, *added]
+        evaluations = [*self.evaluated, *added]
         if not evaluations:
             raise CesError("report: no recording; give some, since the model comes from a file")
         known = [one.get("day", "") for role in (IDENTIFICATION, VALIDATION) for one in self.provenance.get(role, ())]
@@ -242,11 +276,11 @@ class Model(model.Model):
     def to_frame(self, recordings: RecordingInputs = ()) -> Any:
         """Return the model's parameters as a pandas DataFrame.
 
-        Those of a polynomial have standard errors from the recordings where it was identified, or from those given.
-        Raises CesError without pandas.
+        Those of a polynomial have standard errors from the recordings where it was identified, or from those given;
+        those of a hydraulic network are NaN if the identification found none. Raises CesError without pandas.
         """
         pandas = import_pandas()
-        used = list(self.evaluations if _is_empty(recordings) else self.validate(recordings))
+        used = list(self.evaluated if _is_empty(recordings) else self.validate(recordings))
         used = [e for e in used if e.role == IDENTIFICATION] or used
         if isinstance(self.body, Polynomial):
             errors = standard_errors(self, self.body, used)
@@ -255,24 +289,18 @@ class Model(model.Model):
                 [_plain(format_term(t, self.envelope)), t.coefficient, _plain(coefficient_unit(t)), e] for t, e in pairs
             ]
             return pandas.DataFrame(rows, columns=["regressor", "coefficient", "unit", "standard_error"])
+        if isinstance(self.body, Hydraulic):
+            return pandas.DataFrame(list_quantities(self.body, self), columns=Quantity._fields)
         table = model_section(self, used, IDENTIFICATION).table
         rows = [[_plain(Markup(column.text(row))) for column in table.columns] for row in table.rows]
         return pandas.DataFrame(rows, columns=[_snake(_plain(Markup(column.heading))) for column in table.columns])
 
     def __repr__(self) -> str:
-        table = self._cost_table()
-        return self._describe() + (f"\n{table}" if table.rows else "")
+        return self._describe() + (f"\n{costs}" if (costs := self.evaluations) else "")
 
     def _repr_html_(self) -> str:
-        table = self._cost_table()
-        return f"<p>{self._describe().replace(chr(10), '<br>')}</p>{table.to_html() if table.rows else ''}"
-
-    def _cost_table(self) -> Table[Any]:
-        """Return the costs of the identification; of a model from a file, those that its provenance names."""
-        if self.evaluations:
-            return cost_table(self.evaluations)
-        known = self.provenance.get(COSTS)
-        return known_cost_table([row for row in known if isinstance(row, dict)] if isinstance(known, list) else [])
+        costs = self.evaluations._repr_html_() if self.evaluations else ""
+        return f"<p>{self._describe().replace(chr(10), '<br>')}</p>{costs}"
 
     def _describe(self) -> str:
         proof = "stability not proved" if self.certificate is None else "proved stable"
@@ -282,15 +310,14 @@ class Model(model.Model):
         )
         others = [name for name in self.envelope.by_signal if name not in self.used_ranges]
         knows += f"; {join_with(others)} not used" if others else ""
-        return f"{self.structure}: {describe_size(self)} at {self.sampling.rate_Hz:g} Hz, {proof}\nknows {knows}"
+        size = f"{self.structure}: {describe_size(self)} at {self.sampling.rate_Hz:g} Hz, {proof}"
+        return f"{size}; force positive in compression\nknows {knows}"
 
 
 def _as_numbers(name: str, given: ArrayLike) -> F:
     """Return numbers (n,), at least one; raises CesError."""
-    try:
-        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
-    except (TypeError, ValueError):
-        values = np.empty(0)
+    values = np.atleast_1d(np.asarray(given))
+    values = values.astype(np.float64) if values.dtype.kind in "iuf" else np.empty(0)
     if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
         raise CesError(f"{name}: expected numbers; got {given!r}")
     return values
@@ -327,10 +354,10 @@ def identify_model(
 
     with one_blas_thread():
         result = identify(given, held_out, how, listen, fitter).require_explained(findings, ignored)
-    if text := describe_gap(result.model):
-        warn(text)
+    gap = describe_gap(result.model)
+    warn_all([*[gap] * bool(gap), *(text for evaluation in result.evaluations for text in evaluation.warnings)])
     starts = SearchResults(result.search_results)
-    return replace(as_model(result.model), evaluations=Evaluations(result.evaluations), search_results=starts)
+    return replace(as_model(result.model), evaluated=Evaluations(result.evaluations), search_results=starts)
 
 
 def _is_empty(given: object) -> bool:

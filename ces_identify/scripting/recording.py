@@ -12,16 +12,25 @@ from numpy.typing import ArrayLike
 
 from ces_data import recording
 from ces_data.bags.writer import recording_topics, write_bag
-from ces_data.frames import read_frame, to_frame
 from ces_data.limits import TableLimits
 from ces_data.log_formats import is_log
 from ces_data.logs.frame import TIMES
-from ces_data.reading import SIGNALS, PathInput, as_path, check_table, kind_of, read_log, read_recording
+from ces_data.reading import (
+    SIGNALS,
+    PathInput,
+    as_path,
+    check_table,
+    kind_of,
+    read_frame,
+    read_log,
+    read_recording,
+    to_frame,
+)
 from ces_data.recording import Channel
 from ces_data.samples import channel_stats
 from ces_data.signals_file import load_signals
 from ces_data.tables import HELD, hold, interpolate
-from ces_observer.errors import CesError, RecordingError
+from ces_observer.errors import CesError, RecordingError, Suggesting
 from ces_report.table import Column, Table
 from ces_report.typesetting import format_alike
 
@@ -39,12 +48,20 @@ SHOWN = (
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Recording(recording.Recording):
+class Recording(Suggesting, recording.Recording):
     """The channels of one experiment by signal name, each with its own stamps; `len` is its position samples.
 
     recording = Recording.load("bags/road").part(10, 20)
     recording.to_frame().plot(subplots=True)
     """
+
+    def __new__(cls, *args: Any, **fields: Any) -> Self:
+        """Return a new one; raises CesError for a path or a table alone."""
+        if len(args) + len(fields) == 1 and args:
+            raise CesError(
+                "a Recording is read by Recording.load(path), Recording.from_frame(table) or .from_arrays(...)"
+            )
+        return super().__new__(cls)
 
     @classmethod
     def load(

@@ -5,13 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_identify.numerics.search import SearchResult
 from ces_report.table import PrintedResults, Table, summarize_result, text_table
+
+NONE = "no search is known; of a model from a file, provenance['selection'] tells how the search ended"
 
 
 class SearchResults(PrintedResults[SearchResult]):
     """The starts of a search, the best first."""
+
+    def __getitem__(self, at: Any) -> Any:
+        """Return one or some of them. Raises IndexError, which says where a model file has the outcome."""
+        if not self:
+            raise IndexError(NONE)
+        return super().__getitem__(at)
 
     def to_frame(self) -> Any:
         """Return them as a DataFrame: seed, size of the model, cost on the selection data [%], trials, and the end."""
@@ -28,4 +36,4 @@ def _(starts: SearchResults) -> tuple[Sequence[str], Table[Sequence[str]]]:
     rows = [
         (str(n), str(size), f"{J:.2f}", str(trials), ended) for n, size, J, trials, ended in map(_start_facts, starts)
     ]
-    return [] if rows else ["no search"], text_table(["seed", "size", "selection J %", "trials", "ended"], rows, left=0)
+    return [] if rows else [NONE], text_table(["seed", "size", "selection J %", "trials", "ended"], rows, left=0)

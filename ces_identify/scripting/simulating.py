@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,10 @@ from ces_data import recording
 from ces_data.arrays import F
 from ces_data.checks.check import check_each
 from ces_data.checks.content import require_once
+from ces_data.checks.units import explain_simulation
 from ces_data.findings import warn
-from ces_data.frames import import_pandas
 from ces_data.logs.frame import is_frame
-from ces_data.reading import SIGNALS, RecordingInputs, as_recordings, describe_finding
+from ces_data.reading import SIGNALS, RecordingInputs, as_recordings, describe_finding, import_pandas
 from ces_identify.comparison.compared_models import align, make_compared_model
 from ces_identify.comparison.comparison import ROLES
 from ces_identify.limits import ComparisonLimits, TickLimits
@@ -35,7 +35,7 @@ def simulate(simulation: Simulation, given: Any, position_m: Any, current_A: Any
     makes the force of a model doubtful. Raises CesError.
     """
     if position_m is None and current_A is None and time_s is None:
-        one = only(as_recordings(given, need=SIGNALS[:2]))
+        one = only(as_recordings(given, need=SIGNALS[:2], called="recording"))
     else:
         one = _recording_of(given if time_s is None else time_s, position_m, current_A)
     force, _, texts = simulate_checked(simulation, one)
@@ -49,8 +49,14 @@ def validate(simulation: Simulation, recordings: RecordingInputs) -> Evaluations
     require_once(given)
     warn_all(describe_finding(finding.text, given) for finding in check_each(given))
     evaluations = Evaluations([_evaluate(simulation, one) for one in given])
-    warn_all(text for evaluation in evaluations for text in evaluation.warnings)
+    warn_all(text for evaluation in evaluations for text in (*evaluation.warnings, *_doubts(evaluation)))
     return evaluations
+
+
+def _doubts(e: Evaluation) -> Iterator[str]:
+    """Yield what is wrong with the sign or the unit of a simulated force."""
+    if text := explain_simulation(e.series.force[e.series.scored], e.run.force[e.series.scored]):
+        yield f"{e.name}: {text}"
 
 
 def _evaluate(simulation: Simulation, one: recording.Recording) -> Evaluation:

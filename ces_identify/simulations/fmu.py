@@ -26,8 +26,7 @@ from ces_data.arrays import F, I
 from ces_data.recording import Recording
 from ces_identify.prepare.sampling import longest_gap_s
 from ces_identify.prepare.series import usable_samples
-from ces_identify.simulations.parameters import Parameter, with_defaults
-from ces_identify.simulations.simulation import Simulation
+from ces_identify.simulations.simulation import Parameter, Simulation, with_defaults
 from ces_observer.errors import CesError
 
 SPEC = re.compile(r"(.+\.fmu)(?::(.*))?", re.IGNORECASE | re.DOTALL)  # FILE.fmu:names

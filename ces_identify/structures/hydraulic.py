@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from math import isfinite
-from typing import Any
+from math import isfinite, nan
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -159,21 +159,43 @@ CURVE_SPEEDS = 61
 def physical_table(body: Hydraulic, model: Model, runs: Sequence[SimulatedSeries], role: str) -> Section:
     """Return the damper's quantities with standard errors and intervals, and charts of its curves."""
     errors = model.provenance.get("selection", {}).get(quantities.ERRORS, {})
-    values = quantities.read_quantities(body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m)
-    rows = (_row(name, value, errors.get("quantities", {}).get(name, 0.0)) for name, value in values.items())
+    rows = map(_row, list_quantities(body, model))
     table = text_table(("Quantity", "Value", "Standard error", "95\N{NO-BREAK SPACE}% interval"), rows)
     charts = (_steady_chart(body, model, errors), _setting_chart(body, errors), _valve_chart(body))
     return Section("damper", "The damper", table, ABOUT if errors else NO_ERRORS, charts=charts)
 
 
-def _row(name: str, value: float, error: float) -> tuple[str, ...]:
-    if not isfinite(error) or error <= 0.0:
-        return name, format_number(value, 4), "–", "–"
+class Quantity(NamedTuple):
+    """A quantity of the damper in its `unit`, with its 95 % interval; NaN without a standard error."""
+
+    quantity: str
+    value: float
+    unit: str
+    standard_error: float
+    low: float
+    high: float
+
+
+def list_quantities(body: Hydraulic, model: Model) -> list[Quantity]:
+    """Return the quantities of a network, with what its identification found of their errors."""
+    values = quantities.read_quantities(body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m)
+    errors = model.provenance.get("selection", {}).get(quantities.ERRORS, {}).get("quantities", {})
+    return [_as_quantity(name, value, errors.get(name, 0.0)) for name, value in values.items()]
+
+
+def _as_quantity(name: str, value: float, error: float) -> Quantity:
+    error = error if isfinite(error) and error > 0.0 else nan
     low, high = value - IN_95_PERCENT * error, value + IN_95_PERCENT * error
-    if not name.startswith(SIGNED):
-        low = max(low, 0.0)
-    shown, ends = format_within(value, low, high)
-    return name, shown, format_number(error, 2), ends
+    what, _, unit = name.partition(" [")
+    return Quantity(what, value, unit.rstrip("]"), error, low if name.startswith(SIGNED) else max(low, 0.0), high)
+
+
+def _row(of: Quantity) -> tuple[str, ...]:
+    name = f"{of.quantity} [{of.unit}]" if of.unit else of.quantity
+    if not isfinite(of.standard_error):
+        return name, format_number(of.value, 4), "–", "–"
+    shown, ends = format_within(of.value, of.low, of.high)
+    return name, shown, format_number(of.standard_error, 2), ends
 
 
 def _steady_chart(body: Hydraulic, model: Model, errors: Mapping[str, Any]) -> Chart:

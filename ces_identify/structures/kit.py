@@ -37,7 +37,7 @@ class IdentifyOptions:
     after a sample its speed is taken. `weight` sets which ticks matter more in fit and selection. With `certificate`,
     only models with one (ces_observer.proof.certificate) are considered; the thesis' procedure considers all and gives
     a certificate to the model that it finds, if the proof succeeds. With `band`, the model gets a band
-    (ces_observer.band). A model forgets where it was started within `forget` [s].
+    (ces_observer.model). A model forgets where it was started within `forget` [s].
     """
 
     split: float | None = None

@@ -36,7 +36,7 @@ from ces_observer.structures.constructed_inputs import (
 )
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.structure import Range
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 from ces_report.table import BAR, Column, Section, Table
 from ces_report.typesetting import (
     UNITS,

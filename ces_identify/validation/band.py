@@ -19,22 +19,25 @@ from ces_identify.numerics.core import compile_tick, core_kernel
 from ces_identify.prepare.series import Series
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer import flat
-from ces_observer.band import PARTS, STATE, Band
-from ces_observer.model import Model
+from ces_observer.model import PARTS, STATE, Band, Model
+from ces_observer.structures.structure import Range
 from ces_observer.tick import band as tick
-from ces_observer.tick.model import BAND_STARTED, K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
+from ces_observer.tick.model import BAND_STARTED, GAP_LOW, K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
 
 BAND_TICK, HALF_WIDTH = compile_tick(tick.band_tick), compile_tick(tick.band_half_width)
 NOWHERE = tuple((0.0,) * length for length in range(len(STATE), 0, -1))  # the whitening of a band that does not grow
 
 
-def band_half_width(band: Band, series: Series, force: F) -> F:
-    """Return the half-width [N] of `band` around the free run `force` (ticks,) of `series`, NaN where that is NaN."""
-    return np.asarray(run_bands([band], series, force)[0][0])
+def band_half_width(band: Band, series: Series, force: F, gap_A: Range | None = None) -> F:
+    """Return the half-width [N] of `band` around the free run `force` (ticks,) of `series`, NaN where that is NaN.
+
+    It is NaN, too, at currents within `gap_A`, where none was recorded.
+    """
+    return np.asarray(run_bands([band], series, force, gap_A)[0][0])
 
 
 def band_state(band: Band, series: Series) -> F:
-    """Return the state (5, ticks) of `ces_observer.band.STATE`."""
+    """Return the state (5, ticks) of `ces_observer.model.STATE`."""
     return run_bands([band], series, np.zeros(len(series)))[1]
 
 
@@ -46,11 +49,12 @@ def parts_and_growth(band: Band, other: Band, series: Series, force: F) -> tuple
     return width[:-1], width[-1]
 
 
-def run_bands(bands: Sequence[Band], series: Series, force: F) -> tuple[F, F]:
+def run_bands(bands: Sequence[Band], series: Series, force: F, gap_A: Range | None = None) -> tuple[F, F]:
     """Return half-widths (bands, ticks) [N] around a free run `force` (ticks,) [N], and the state (5, ticks)."""
     layouts = [flat.ArrayLayout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE) for _ in bands]
     for band, layout in zip(bands, layouts, strict=True):
         band.fill(layout, series.rate_Hz)
+        layout.put(GAP_LOW, gap_A or ())
     inputs = np.vstack([series.inputs, force])
     width, state = np.empty((len(bands), len(series))), np.empty((len(STATE), len(series)))
     p = np.array([layout.p for layout in layouts])

@@ -11,24 +11,25 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, Mask
-from ces_data.frames import import_pandas
+from ces_data.reading import import_pandas
 from ces_data.recording import Recording
 from ces_identify.limits import TickLimits
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
 from ces_identify.prepare.cost import EQUAL, Weighting, cost
 from ces_identify.prepare.series import Series, prepare
-from ces_identify.validation.evaluate import IDENTIFICATION, CostInterval, Evaluation
+from ces_identify.validation.evaluate import CostInterval, Evaluation
 from ces_observer.model import Model
-from ces_report.table import BAR, Column, PrintedResults, Table, summarize_result, text_table
+from ces_report.table import BAR, Column, PrintedResult, PrintedResults, Table, summarize_result
 from ces_report.typesetting import format_within
 
 NONE = "\N{EN DASH}"
+COSTS = "cost_J_percent"  # key in the provenance
 RULE = (
     f"of every {PERIOD_BLOCKS * BLOCK_S:g} s of identification data, the first {ESTIMATION_BLOCKS * BLOCK_S:g} s serve "
     f"estimation and the last {(PERIOD_BLOCKS - ESTIMATION_BLOCKS) * BLOCK_S:g} s selection; a last fit may use both; "
@@ -36,35 +37,52 @@ RULE = (
 )
 
 
+@dataclass(frozen=True, repr=False)
+class KnownCost(PrintedResult):
+    """What a model file says of an evaluation, NaN and None where it does not; its names are those of `Evaluation`."""
+
+    name: str
+    role: str
+    cost: float
+    interval: CostInterval | None
+    scored_s: float
+    rms_N: float
+    outside_share: float
+    coverage: float | None
+    floor: None = None
+
+
+Cost: TypeAlias = Evaluation | KnownCost
+
+
 def cost_table(
-    evaluations: Sequence[Evaluation],
+    evaluations: Sequence[Cost],
     title: str = "",
     weighting: Weighting = EQUAL,
-    exact: bool = True,
     anchors: Mapping[tuple[str, str], str] | None = None,
-) -> Table[Evaluation]:
+) -> Table[Cost]:
     """Return a table with a row for each evaluation; on a page, names (of a role) are links to their `anchors`.
 
     Columns: role and scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the weighted
     J if there are weights, the RMS error, the share of ticks outside the envelope, and that of measured forces inside
-    the band, if the model has one. With `exact` the evaluations are those of the identification itself.
+    the band. Of the figures after the interval, those that no row has are left out.
     """
     ends = [e.interval.high if e.interval else e.cost for e in evaluations if math.isfinite(e.cost)]
     scale = 100.0 / max([*ends, 1e-9])
 
-    def link(e: Evaluation) -> Markup:
+    def link(e: Cost) -> Markup:
         anchor = (anchors or {}).get((e.name, e.role))
         return Markup('<a href="#{}">{}</a>').format(anchor, e.name) if anchor else Markup("{}").format(e.name)
 
-    def role(e: Evaluation) -> Markup:
+    def role(e: Cost) -> Markup:
         return Markup('<span class="role {}">{}</span>').format(e.role, e.role)
 
-    def bar(e: Evaluation) -> Markup:
+    def bar(e: Cost) -> Markup:
         whisker = Markup('<span class="whisker" style="left:{:.1f}%;width:{:.1f}%"></span>')
         ends = e.interval and whisker.format(scale * e.interval.low, scale * (e.interval.high - e.interval.low))
         return BAR.format(percent(e.cost, e.interval), min(scale * e.cost, 100.0), ends or "")
 
-    def cost_text(e: Evaluation) -> str:
+    def cost_text(e: Cost) -> str:
         return percent(e.cost, e.interval)
 
     def span(e: Evaluation) -> str:
@@ -76,34 +94,40 @@ def cost_table(
     def reasons(e: Evaluation) -> str:
         return ", ".join(f"{reason}: {n}" for reason, n in e.series.dropped.items() if n)
 
-    def number(of: Callable[[Evaluation], float | None], form: str) -> Callable[[Evaluation], str]:
-        def text(e: Evaluation) -> str:
+    def of_run(text: Callable[[Evaluation], str]) -> Callable[[Cost], str]:
+        return lambda e: text(e) if isinstance(e, Evaluation) else ""
+
+    def weighted(e: Cost) -> float | None:
+        return e.weighted_cost(weighting) if weighting and isinstance(e, Evaluation) else None
+
+    def number(of: Callable[[Cost], float | None], form: str) -> Callable[[Cost], str]:
+        def text(e: Cost) -> str:
             value = of(e)
             return NONE if value is None or not math.isfinite(value) else f"{value:{form}}"
 
         return text
 
-    floors, bands = (any(getattr(e, name) is not None for e in evaluations) for name in ("floor", "coverage"))
-    columns: list[Column[Evaluation] | None] = [
-        Column("Recording", lambda e: e.name, short="recording", html=link, css="name"),
-        Column("role", lambda e: _describe_use(e, exact), terminal_only=True),
-        Column("Role", lambda e: e.role, html=role, page_only=True),
-        Column("From–to [s]", span, css="n spare", head_css="n spare", page_only=True),
-        Column("Scored [s]", lambda e: f"{e.scored_s:.1f}", css="n spare", head_css="n spare", page_only=True),
-        Column("J [%]", cost_text, figure=True, html=bar, css="j", head_css="j", short="J %"),
-        Column("95 % interval [%]", lambda e: interval_text(e.interval), figure=True, short="95 %"),
-        Column("Noise floor [%]", number(lambda e: e.floor, ".2f"), figure=True, short="floor") if floors else None,
-        Column("Weighted J [%]", number(lambda e: e.weighted_cost(weighting), ".2f"), figure=True, short="weighted")
-        if weighting
-        else None,
+    figures: list[Column[Cost]] = [
+        Column("Noise floor [%]", number(lambda e: e.floor, ".2f"), figure=True, short="floor"),
+        Column("Weighted J [%]", number(weighted, ".2f"), figure=True, short="weighted"),
         Column("RMS error [N]", number(lambda e: e.rms_N, ".1f"), figure=True, short="RMS N"),
         Column("Outside envelope [%]", number(lambda e: 100 * e.outside_share, ".1f"), figure=True, short="out %"),
-        Column("Inside band [%]", number(lambda e: e.coverage and 100 * e.coverage, ".1f"), figure=True, short="band %")
-        if bands
-        else None,
-        Column("Dropped / gaps", dropped, figure=True, small=reasons, page_only=True),
+        Column(
+            "Inside band [%]", number(lambda e: e.coverage and 100 * e.coverage, ".1f"), figure=True, short="band %"
+        ),
     ]
-    return Table([column for column in columns if column is not None], evaluations, title)
+    columns: list[Column[Cost]] = [
+        Column("Recording", lambda e: e.name, short="recording", html=link, css="name"),
+        Column("role", _describe_use, terminal_only=True),
+        Column("Role", lambda e: e.role, html=role, page_only=True),
+        Column("From–to [s]", of_run(span), css="n spare", head_css="n spare", page_only=True),
+        Column("Scored [s]", number(lambda e: e.scored_s, ".1f"), css="n spare", head_css="n spare", page_only=True),
+        Column("J [%]", cost_text, figure=True, html=bar, css="j", head_css="j", short="J %"),
+        Column("95 % interval [%]", lambda e: interval_text(e.interval), figure=True, short="95 %"),
+        *(c for c in figures if any(c.text(e) != NONE for e in evaluations)),
+        Column("Dropped / gaps", of_run(dropped), figure=True, small=of_run(reasons), page_only=True),
+    ]
+    return Table(columns, evaluations, title)
 
 
 class Evaluations(PrintedResults[Evaluation]):
@@ -111,54 +135,72 @@ class Evaluations(PrintedResults[Evaluation]):
 
     def to_frame(self) -> Any:
         """Return the costs as a DataFrame, a row for each recording: J with its interval [%], shares in percent."""
-        rows = [
-            {
-                "recording": e.name,
-                "role": e.role,
-                "scored_s": e.scored_s,
-                "J_percent": e.cost,
-                "low_percent": e.interval.low if e.interval else math.nan,
-                "high_percent": e.interval.high if e.interval else math.nan,
-                "floor_percent": math.nan if e.floor is None else e.floor,
-                "rms_N": e.rms_N,
-                "outside_percent": 100.0 * e.outside_share,
-                "band_percent": math.nan if e.coverage is None else 100.0 * e.coverage,
-            }
-            for e in self
-        ]
-        return import_pandas().DataFrame(rows)
+        return _as_frame(self)
 
 
 @summarize_result.register
-def _(evaluations: Evaluations) -> tuple[Sequence[str], Table[Evaluation]]:
-    return [] if evaluations else ["no evaluation"], cost_table(evaluations, exact=False)
+def _(evaluations: Evaluations) -> tuple[Sequence[str], Table[Cost]]:
+    return [] if evaluations else ["no evaluation"], cost_table(evaluations)
 
 
 @summarize_result.register
-def _(evaluation: Evaluation) -> tuple[Sequence[str], Table[Evaluation]]:
-    return [], cost_table([evaluation], exact=False)
+def _(evaluation: Evaluation) -> tuple[Sequence[str], Table[Cost]]:
+    return [], cost_table([evaluation])
 
 
-def known_cost_table(rows: Sequence[Mapping[str, Any]]) -> Table[Sequence[str]]:
-    """Return the same from the rows of a model file, whose earlier versions hold fewer figures."""
+class KnownCosts(PrintedResults[KnownCost]):
+    """Costs in a model file, printed as those of its identification were."""
 
-    def text(row: Mapping[str, Any], key: str, form: str = ".1f") -> str:
-        return f"{row[key]:{form}}" if isinstance(row.get(key), int | float) else NONE
+    @classmethod
+    def of(cls, model: Model) -> KnownCosts:
+        """Return those that the provenance of a model names; earlier versions wrote fewer figures."""
+        rows = model.provenance.get(COSTS)
+        return cls(_read_cost(row) for row in (rows if isinstance(rows, list) else ()) if isinstance(row, dict))
 
-    def cells(row: Mapping[str, Any]) -> list[str]:
-        interval = CostInterval(row["low"], row["high"]) if {"low", "high"} <= _numbers(row) else None
-        J = percent(row["J"], interval) if "J" in _numbers(row) else NONE
-        names = [str(row.get(key, "")) for key in ("recording", "role")]
-        return [*names, J, interval_text(interval), *(text(row, key) for key in ("rms_N", "outside", "band"))]
-
-    heads = ["recording", "role", "J %", "95 %", "RMS N", "out %", "band %"]
-    made = [cells(row) for row in rows]
-    shown = [k for k in range(len(heads)) if k < 3 or any(row[k] != NONE for row in made)]
-    return text_table([heads[k] for k in shown], [[row[k] for k in shown] for row in made], left=2)
+    def to_frame(self) -> Any:
+        """Return the costs as a DataFrame, as `Evaluations` do."""
+        return _as_frame(self)
 
 
-def _numbers(row: Mapping[str, Any]) -> set[str]:
-    return {key for key, value in row.items() if isinstance(value, int | float)}
+def _read_cost(row: Mapping[str, Any]) -> KnownCost:
+    """Return a row of a model file."""
+    given = {key: float(value) for key, value in row.items() if isinstance(value, int | float)}
+    interval = CostInterval(given["low"], given["high"]) if {"low", "high"} <= {*given} else None
+    seconds, rms_N, outside, band, J = (
+        given.get(key, math.nan) for key in ("scored_s", "rms_N", "outside", "band", "J")
+    )
+    name, role = (str(row.get(key, "")) for key in ("recording", "role"))
+    coverage = 0.01 * band if math.isfinite(band) else None
+    return KnownCost(name, role, J, interval, seconds, rms_N, 0.01 * outside, coverage)
+
+
+@summarize_result.register
+def _(costs: KnownCosts) -> tuple[Sequence[str], Table[Cost]]:
+    return [] if costs else ["the model file names no costs"], cost_table(costs)
+
+
+@summarize_result.register
+def _(known: KnownCost) -> tuple[Sequence[str], Table[Cost]]:
+    return [], cost_table([known])
+
+
+def _as_frame(costs: Sequence[Cost]) -> Any:
+    rows = [
+        {
+            "recording": e.name,
+            "role": e.role,
+            "scored_s": e.scored_s,
+            "J_percent": e.cost,
+            "low_percent": e.interval.low if e.interval else math.nan,
+            "high_percent": e.interval.high if e.interval else math.nan,
+            "floor_percent": math.nan if e.floor is None else e.floor,
+            "rms_N": e.rms_N,
+            "outside_percent": 100.0 * e.outside_share,
+            "band_percent": math.nan if e.coverage is None else 100.0 * e.coverage,
+        }
+        for e in costs
+    ]
+    return import_pandas().DataFrame(rows)
 
 
 def percent(cost: float, interval: CostInterval | None = None) -> str:
@@ -173,9 +215,9 @@ def interval_text(interval: CostInterval | None) -> str:
     return NONE if interval is None else format_within(interval.low, interval.low, interval.high)[1]
 
 
-def _describe_use(e: Evaluation, exact: bool) -> str:
-    """Return the role of an evaluation with its scored seconds; if not `exact`, the identification had others."""
-    return f"{e.role} {e.scored_s:.1f} s" if exact or e.role != IDENTIFICATION else e.role
+def _describe_use(e: Evaluation | KnownCost) -> str:
+    """Return the role of an evaluation with its scored seconds, if they are known."""
+    return f"{e.role} {e.scored_s:.1f} s" if math.isfinite(e.scored_s) else e.role
 
 
 @dataclass(frozen=True)

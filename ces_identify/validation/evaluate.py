@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.limits import BandLimits, EnvelopeLimits, ErrorLimits, TickLimits
+from ces_identify.limits import BandLimits, EnvelopeLimits, ErrorLimits, MisfitLimits, TickLimits
 from ces_identify.numerics.correlation import add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
 from ces_identify.prepare.sampling import delay_text
@@ -122,7 +122,9 @@ class Evaluation(PrintedResult):
 
     @property
     def outside_share(self) -> float:
-        """Share of the scored ticks with inputs or force outside the model's envelopes."""
+        """Share of the scored ticks with inputs or force outside the model's envelopes; NaN of what has none."""
+        if not math.isfinite(self.run.force_envelope_N[0]):
+            return math.nan
         return float((self.run.clamped | self.run.held)[self.series.scored].mean())
 
     @property
@@ -151,16 +153,32 @@ class Evaluation(PrintedResult):
         return f"{self.name}: the band holds {share} that it is meant for"
 
     @property
+    def rest_text(self) -> str:
+        """That the damper hardly works, so that a small error is a large J; empty if it does, or J is small."""
+        force, (low, high) = self.series.force[self.series.scored], self.run.force_envelope_N
+        if self.cost < MisfitLimits.MISFIT_J or not force.std() < EnvelopeLimits.MIN_FORCE * (high - low) < math.inf:
+            return ""
+        text = (
+            f"the measured force varies by {force.std():.3g} N (standard deviation), of {low:.0f} to {high:.0f} N that"
+        )
+        return f"{self.name}: {text} the model may give: J is relative to that, and the RMS error is {self.rms_N:.3g} N"
+
+    @property
     def warnings(self) -> list[str]:
-        """What is wrong with the run: lost, outside the model's envelopes, or outside its band; empty if little is."""
-        return [text for text in (self.lost_text, self.outside_text, self.held_text, self.band_text) if text]
+        """What is wrong with the run, or with its J; empty if little is."""
+        texts = (self.lost_text, self.outside_text, self.held_text, self.band_text, self.rest_text)
+        return [text for text in texts if text]
 
     @property
     def coverage(self) -> float | None:
-        """Share of the scored ticks whose measured force is within the band; None without one."""
+        """Share of the scored ticks with a band whose measured force is within it; None if hardly any has one."""
         if self.half_width is None:
             return None
-        return float(np.mean(np.abs(self.error) <= self.half_width[self.series.scored]))
+        half = self.half_width[self.series.scored]
+        banded = np.isfinite(half) | ~np.isfinite(self.error)
+        if not banded.all() and banded.sum() < TickLimits.MIN_ERRORS:
+            return None
+        return float(np.mean((np.abs(self.error) <= half)[banded]))
 
     def weighted_cost(self, weighting: Weighting) -> float:
         """Return the weighted J [%]; NaN where no weighted tick is scored."""
@@ -187,19 +205,24 @@ def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluati
             series=recorded,
             run=run,
             cost=series_cost(recorded, run.force),
-            half_width=None if model.band is None else band_half_width(model.band, recorded, run.force),
+            half_width=None
+            if model.band is None
+            else band_half_width(model.band, recorded, run.force, model.used_gap_A),
             outside=outside_ranges(model, recorded),
         )
         for recorded, run in zip(series, runs, strict=True)
     ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CostInterval:
     """J is between `low` and `high` [%] with probability LEVEL."""
 
     low: float
     high: float
+
+    def __repr__(self) -> str:
+        return f"CostInterval(low={self.low:.4g}, high={self.high:.4g})"
 
 
 @dataclass(frozen=True)

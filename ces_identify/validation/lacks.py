@@ -17,7 +17,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ces_data.arrays import F, I
-from ces_identify.limits import LackLimits, VerdictLimits
+from ces_identify.limits import LackLimits, MisfitLimits
 from ces_identify.prepare.series import Series, changes
 from ces_identify.simulations.simulate import simulate_series, since_reversal
 from ces_identify.validation.band import PLAIN, band_state
@@ -98,7 +98,7 @@ def head_lines(model: Model, evaluations: Sequence[Evaluation]) -> list[str]:
     own = [e for e in some if e.role == IDENTIFICATION]
     causes = dependences(some)
     lines = [describe_gap(model)] * (model.used_gap_A is not None) + [describe(cause, model, some) for cause in causes]
-    if own and (J := pooled_cost(own)) >= VerdictLimits.MISFIT_J:
+    if own and (J := pooled_cost(own)) >= MisfitLimits.MISFIT_J:
         why = "" if causes else "; no quantity explains it: check units, signs and delays"
         lines.insert(0, f"The model does not fit its own data (J = {three_figures(J)} %){why}.")
     selections = [entry for key, entry in model.provenance.items() if key.startswith("selection")]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import isfinite, sqrt
 
 from ces_observer.health.diagnostics import Figures
-from ces_observer.limits import DriftLimits
+from ces_observer.limits import RunningCostLimits
 from ces_observer.model import Model
 
 HISTORY = 2048  # estimates, and measured forces that wait for one: two seconds at 1 kHz
@@ -99,7 +99,7 @@ class RunningCost:
     def from_model(cls, model: Model, warn_J: float | None = None, window_s: int = 10) -> RunningCost:
         """Return the running cost of a model; `warn_J` defaults to `default_warn_J`."""
         low, high = model.force_envelope_N
-        min_N = max(DriftLimits.MIN_FORCE_N, DriftLimits.MIN_FORCE_SHARE * (high - low))
+        min_N = max(RunningCostLimits.MIN_FORCE_N, RunningCostLimits.MIN_FORCE_SHARE * (high - low))
         warn_J = default_warn_J(model) if warn_J is None else warn_J
         return cls(window_s, warn_J, min_N, model.sampling.max_gap_s)
 
@@ -138,7 +138,7 @@ class RunningCost:
 
     def _take(self, stamp_ns: int, measured_N: float, estimated_N: float) -> None:
         """Add a pair to the present second, even if its stamp is older."""
-        if not -DriftLimits.LATE_S * SECOND_NS <= stamp_ns - self._end_ns < 0:
+        if not -RunningCostLimits.LATE_S * SECOND_NS <= stamp_ns - self._end_ns < 0:
             self._end_second(stamp_ns)
         self.paired += 1
         second, error_N = self._second, estimated_N - measured_N
@@ -162,18 +162,18 @@ class RunningCost:
         mean = sum(second.force for second in self._seconds) / pairs
         variance = sum(second.force2 for second in self._seconds) / pairs - mean * mean
         self.spread_N = sqrt(max(0.0, variance))
-        if pairs < DriftLimits.MIN_PAIRS or self.spread_N < self.min_N:
+        if pairs < RunningCostLimits.MIN_PAIRS or self.spread_N < self.min_N:
             self.J = None
             return
         error_N = sqrt(sum(second.error2 for second in self._seconds) / pairs)
         self.J = 100.0 * error_N / self.spread_N
         limit_N = self.warn_J * self.spread_N / 100.0
         bad = sum(second.error_N > limit_N for second in self._seconds)
-        self._good = self._good + 1 if error_N < DriftLimits.GOOD * limit_N else 0
+        self._good = self._good + 1 if error_N < RunningCostLimits.GOOD * limit_N else 0
         self.drifted = (
-            self._good < DriftLimits.BAD_SECONDS
+            self._good < RunningCostLimits.BAD_SECONDS
             if self.drifted
-            else error_N > limit_N and bad >= DriftLimits.BAD_SECONDS
+            else error_N > limit_N and bad >= RunningCostLimits.BAD_SECONDS
         )
 
 
@@ -203,4 +203,4 @@ def default_warn_J(model: Model) -> float:
         if isinstance(row, Mapping) and isinstance(row.get("J"), int | float) and isfinite(row["J"]):
             costs.setdefault(row.get("role"), []).append(float(row["J"]))
     values = costs.get("validation") or costs.get("identification") or [0.0]
-    return max(DriftLimits.MIN_WARN_J, DriftLimits.WARN_RATIO * max(values))
+    return max(RunningCostLimits.MIN_WARN_J, RunningCostLimits.WARN_RATIO * max(values))

@@ -14,6 +14,11 @@ What is proved, for any parameters that a model file can hold and for any inputs
   energy, and  M f^2 / 2 + sum_j z_j^2 / (2 k_j)  grows by at most  T d f - s w  for the same reason. What a tick keeps
   of U and z_j is less than all: Phi* and z_j^2, least at 0, only fall by that.
 * Pressures are held within +-`most_N`, and the force within its envelope: both stay bounded, whatever the rounding.
+
+`ces_observer.tick.valve` leads from the current to the valve's setting; `ces_observer.tick.mount` has the friction
+elements, and `ces_observer.tick.hydraulic` the drive and the forces on the rod in parallel to the oil's. Curves go on
+straight beyond what was recorded. Inputs outside the envelope are used as they are, and marked, up to `reach` times the
+envelope about its middle (for the speed about zero); beyond, they are clamped. The proof covers all of them.
 """
 
 from __future__ import annotations
@@ -29,15 +34,132 @@ from ces_observer.fields import REQUIRED
 from ces_observer.flat import ArrayLayout
 from ces_observer.limits import FileLimits, NumberLimits
 from ces_observer.proof.certificate import ENERGY_CLAIM, EnergyCertificate
-from ces_observer.records import bounded, choice, part
-from ces_observer.structures import physical
-from ces_observer.structures.curves import Bypass, FlowMap
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
-from ces_observer.tick import edges, mount, pressures
+from ces_observer.proof.intervals import up
+from ces_observer.records import bounded, choice, items, part
+from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve, check_over_stroke, interpolate, nodes
+from ces_observer.structures.structure import INPUTS, OperatingRange, Range, Ranges, Structure
+from ces_observer.tick import edges, mount, pressures, valve
 from ces_observer.tick import hydraulic as tick
 from ces_observer.tick.pressures import ROUNDING, WARMING_S
 from ces_observer.tick.structure import HYDRAULIC
 from ces_observer.tick.valve import KEEP
+
+
+def widen(inputs: Ranges, reach: float) -> dict[str, Range]:
+    """Return the ranges of the inputs `reach` times as wide."""
+    low, high = inputs["speed"]
+    return {
+        "position": _about_middle(inputs["position"], reach),
+        "speed": (min(low, reach * low), max(high, reach * high)),
+        "current": _about_middle(inputs["current"], reach),
+    }
+
+
+def _about_middle(one: Range, reach: float) -> Range:
+    middle, half = 0.5 * (one[0] + one[1]), 0.5 * reach * (one[1] - one[0])
+    return min(one[0], middle - half), max(one[1], middle + half)
+
+
+PLAYS = (1.0 / 3.0, 1.0, 5.0 / 3.0)  # half widths relative to their mean
+
+
+@dataclass(frozen=True)
+class ValvePath:
+    """The valve's characteristic (setting over current [A], from 0 to 1) and its dynamics."""
+
+    characteristic: IncreasingCurve = part(inline=True)
+    delay_ticks: float = bounded(0.0, FileLimits.MAX_LAG - 1)
+    hysteresis_A: float = bounded(0.0, 1e3)
+    rise_s: float = bounded(0.0, FileLimits.MAX_VALVE_S)
+    fall_s: float = bounded(0.0, FileLimits.MAX_VALVE_S)
+
+    def steady(self, current_A: float) -> float:
+        """Return the setting at a constant current [A], in the middle of the magnetic loop."""
+        return min(max(interpolate(self.characteristic.at, self.characteristic.values, current_A), 0.0), 1.0)
+
+    def fill(self, layout: ArrayLayout, interval_s: float) -> None:
+        """Write its numbers for `ces_observer.tick.valve`, at ticks of `interval_s`."""
+        whole = int(self.delay_ticks)
+        layout.p[valve.VALVE_PART] = self.delay_ticks - whole
+        layout.p[valve.VALVE_RISE] = interval_s / (self.rise_s + interval_s)
+        layout.p[valve.VALVE_FALL] = interval_s / (self.fall_s + interval_s)
+        layout.put(valve.PLAY_HALF, (self.hysteresis_A * play for play in PLAYS))
+        layout.n[valve.VALVE_DELAY] = whole
+        layout.n[valve.VALVE_NODES] = len(self.characteristic.at)
+        layout.n[valve.VALVE_CURRENTS] = layout.table(self.characteristic.at)
+        layout.n[valve.VALVE_SETTINGS] = layout.table(self.characteristic.values)
+        layout.n[valve.VALVE_RING] = layout.state(whole + 2)
+
+
+@dataclass(frozen=True)
+class FrictionElement:
+    """A spring whose force is limited: stiffness [N/m], yield force [N], and how much the valve's setting adds [N]."""
+
+    stiffness_N_m: float = bounded(1e-9, 1e12)
+    yield_N: float = bounded(0.0, NumberLimits.MAX_NUMBER)
+    moved_N: float = bounded(0.0, NumberLimits.MAX_NUMBER, default=0.0)
+
+
+@dataclass(frozen=True)
+class SideForces:
+    """The drive's lead and the forces beside the oil's; `gas_N` is the force over `position_m`, straight beyond."""
+
+    lead_s: float = bounded(-FileLimits.MAX_LEAD_S, FileLimits.MAX_LEAD_S)
+    max_acceleration_m_s2: float = bounded(0.0, NumberLimits.MAX_NUMBER)
+    viscous_Ns_m: float = bounded(0.0, NumberLimits.MAX_NUMBER)
+    mass_kg: float = bounded(0.0, NumberLimits.MAX_NUMBER)
+    position_m: tuple[float, ...] = nodes("position_m")
+    gas_N: tuple[float, ...] = nodes("gas_N")
+    friction: tuple[FrictionElement, ...] = items(0, FileLimits.MAX_FRICTION)
+
+    def checked(self) -> Self:
+        """Return it; raises ModelError if the gas force is no curve over the stroke."""
+        check_over_stroke("gas_N", self.position_m, self.gas_N)
+        return self
+
+    def gas(self, position_m: float) -> float:
+        """Return the force [N] of gas and preload at a position [m]."""
+        return interpolate(self.position_m, self.gas_N, position_m)
+
+    def max_drive(self, speed: Range) -> float:
+        """Return a bound on |drive| [m/s] for speeds in the range."""
+        return up(max(map(abs, speed)) + up(abs(self.lead_s) * self.max_acceleration_m_s2))
+
+    def bound_N(self, inputs: Ranges) -> float:
+        """Return a bound on |side force| [N], without friction, for inputs in their ranges."""
+        low, high = inputs["position"]
+        nodes = [x for x in self.position_m if low < x < high]
+        gas = max(abs(self.gas(x)) for x in (low, high, *nodes))
+        viscous = self.viscous_Ns_m * self.max_drive(inputs["speed"])
+        return (gas + viscous + self.mass_kg * self.max_acceleration_m_s2) * (1.0 + 1e-12)
+
+    @property
+    def friction_N(self) -> float:
+        """Bound on the force of all friction elements [N]."""
+        return sum(one.yield_N + one.moved_N for one in self.friction) * (1.0 + 1e-12)
+
+    def fill(self, layout: ArrayLayout, interval_s: float) -> None:
+        """Write its numbers for `ces_observer.tick.hydraulic`, without friction, at ticks of `interval_s`."""
+        layout.p[tick.DRIVE_LEAD] = self.lead_s
+        layout.p[tick.MAX_ACCELERATION] = self.max_acceleration_m_s2
+        layout.p[tick.DRIVE_RATE] = 1.0 / interval_s
+        layout.p[tick.VISCOUS] = self.viscous_Ns_m
+        layout.p[tick.MASS] = self.mass_kg
+        layout.n[tick.GAS_NODES] = len(self.position_m)
+        layout.n[tick.GAS_POSITIONS] = layout.table(self.position_m)
+        layout.n[tick.GAS_FORCES] = layout.table(self.gas_N)
+
+
+LONG_TICK = OperatingRange(1e-6, dict.fromkeys(INPUTS, (-inf, inf)), (-inf, inf))  # in which every lag dies out
+
+
+def yield_at_mid_stroke(stiffness_N_m: float, yield_N: float, half_m: float) -> float:
+    """Return the force [N] of a yielding spring in the middle of strokes to +-`half_m` [m].
+
+    It leaves an end with the force -min(yield, stiffness half): without yielding there, it is relaxed in the middle.
+    """
+    return min(max(stiffness_N_m * half_m - yield_N, 0.0), yield_N)
+
 
 SPREAD = (0.05, 0.2, 0.5, 1.0, 1.7, 3.0, 6.0, 12.0)  # absolute pressures over the reservoir's, between pieces of phi
 NEVER_S = 1e6  # a time constant in which nothing relaxes
@@ -74,7 +196,7 @@ class Hydraulic(Structure):
     extrapolates, unproved = True, "its force is not proved to be bounded for every input"
 
     kind: str = choice(REQUIRED, "", KINDS)
-    valve: physical.ValvePath = part()
+    valve: ValvePath = part()
     area_ratio: float = bounded(0.0, 100.0)
     compression_m_N: float = bounded(1e-12, 1.0)
     rebound_m_N: float = bounded(1e-12, 1.0)
@@ -98,7 +220,7 @@ class Hydraulic(Structure):
     base: FlowMap = part()
     external: FlowMap = part()
     bypass: Bypass | None = part(null={})
-    side: physical.SideForces = part()
+    side: SideForces = part()
     reach: float = bounded(1.0, FileLimits.MAX_REACH)
 
     def checked(self) -> Self:
@@ -123,7 +245,7 @@ class Hydraulic(Structure):
         """Write its numbers into a layout."""
         rate = within.rate_Hz
         layout.reserve(tick.P_HYDRAULIC_END, tick.N_HYDRAULIC_END, tick.S_HYDRAULIC_END, tick.K_HYDRAULIC_END)
-        wide = [end for ends in physical.widen(within.inputs, self.reach).values() for end in ends]
+        wide = [end for ends in widen(within.inputs, self.reach).values() for end in ends]
         layout.put(tick.WIDE_POSITION_LOW, map(_as_number, wide))
         self.valve.fill(layout, 1.0 / rate)
         self.side.fill(layout, 1.0 / rate)
@@ -184,17 +306,17 @@ class Hydraulic(Structure):
         """Return the force [N] at mid-stroke of full strokes at constant speed and current, here in one long tick."""
         low, high = within.inputs["position"]
         body = self.at_full_strokes(0.5 * (high - low), self.valve.steady(current_A))
-        leak = 1.0 / (self.leak_s * physical.LONG_TICK.rate_Hz)  # of the volumes in such a tick, which ends empty
+        leak = 1.0 / (self.leak_s * LONG_TICK.rate_Hz)  # of the volumes in such a tick, which ends empty
         names = ("compression_m_N", "rebound_m_N")
-        run = replace(body, **{name: leak * getattr(body, name) for name in names}).make_predictor(physical.LONG_TICK)
+        run = replace(body, **{name: leak * getattr(body, name) for name in names}).make_predictor(LONG_TICK)
         return run.tick(0.5 * (low + high), speed_m_s, current_A)
 
     def at_full_strokes(self, half_m: float, setting: float) -> Self:
         """Return the model with the yield forces that its friction has in the middle of strokes to +-`half_m` [m]."""
         elements = (
-            physical.FrictionElement(
+            FrictionElement(
                 one.stiffness_N_m,
-                physical.yield_at_mid_stroke(one.stiffness_N_m, one.yield_N + setting * one.moved_N, half_m),
+                yield_at_mid_stroke(one.stiffness_N_m, one.yield_N + setting * one.moved_N, half_m),
             )
             for one in self.side.friction
         )
@@ -203,7 +325,7 @@ class Hydraulic(Structure):
     def certify(self, within: OperatingRange) -> EnergyCertificate:
         """Return the proved bounds on |force| [N]; the force is held within its range, too."""
         most = max(map(abs, within.force_N))
-        ranges = within.inputs, physical.widen(within.inputs, self.reach)
+        ranges = within.inputs, widen(within.inputs, self.reach)
         envelope, any_input = (min(self.bound_force(inputs), most) for inputs in ranges)
         slowest = max(self.relax_s, self.leak_s if self.leak_s < NEVER_S else 0.0)
         return EnergyCertificate(envelope, any_input, ENERGY_CLAIM, METHOD, RELAXATIONS * slowest)

@@ -1,15 +1,16 @@
-"""The half-width of a model's band, tick by tick; `ces_observer.band` says what it means and how it is fitted.
+"""The half-width of a model's band, tick by tick; `ces_observer.model` says what it means and how it is fitted.
 
     half-width = growth * sum of weights * (low, high current, slow, fast, |force|, |change of force|, reversal)
     growth^2 = share + (1 - share) * min(|whitening (state - mean)|, max_distance)^2
 
-The state is position, speed, current, and the recent changes of speed and current (Mahalanobis distance).
+The state is position, speed, current, and the recent changes of speed and current (Mahalanobis distance). Between
+currents where none was recorded, nothing has tested the band: there is none.
 """
 
-from math import sqrt
+from math import nan, sqrt
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.model import BAND_STARTED, P_BAND, S_BAND
+from ces_observer.tick.model import BAND_STARTED, GAP_HIGH, GAP_LOW, P_BAND, S_BAND
 
 # p: gain and fade of a tick, the current's lowest value [A] and 1 / range [1/A], the speed [m/s], the weights, the mean
 # and the rows of the whitening of the five parts of the state, the squared limit of the distance, the constant share
@@ -52,7 +53,9 @@ def band_tick(p: Floats, s: Floats, k: Ints, position: float, speed: float, curr
 
 
 def band_half_width(p: Floats, s: Floats) -> float:
-    """Return the half-width [N] at the last tick; not finite only after inputs beyond any damper's."""
+    """Return the half-width [N] at the last tick; not finite in the gap of the currents, and beyond any damper's."""
+    if p[GAP_LOW] < s[BAND_AT_CURRENT] < p[GAP_HIGH]:
+        return nan
     high = (s[BAND_AT_CURRENT] - p[BAND_LOW_A]) * p[BAND_PER_A]
     high = 0.0 if high < 0.0 else 1.0 if high > 1.0 else high
     u = abs(s[BAND_AT_SPEED]) / p[BAND_SPEED]

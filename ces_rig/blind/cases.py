@@ -32,8 +32,7 @@ from ces_data.signals_file import load_signals
 from ces_observer.fields import Field
 from ces_observer.json_text import write_atomically
 from ces_observer.records import Record, read_document, read_record, write_record
-from ces_rig.blind.draw import HELD_OUT, NOISE_N, REAL, REFERENCE, DrawnCase, IdealRecording, draw_case
-from ces_rig.blind.plan import BlindCase
+from ces_rig.blind.plan import HELD_OUT, NOISE_N, REAL, REFERENCE, BlindCase, DrawnCase, IdealRecording, draw_case
 from ces_rig.errors import RigError
 from ces_rig.experiments.virtual import RigForce, load_rig
 from ces_rig.sensors import EPOCH_NS, Sensor, Sensors, measure_signals

@@ -25,7 +25,7 @@ import numpy as np
 from ces_data.arrays import F
 from ces_observer.errors import CesError, OptionName
 from ces_rig.blind.cases import CaseLabel, open_arrays, read_seal
-from ces_rig.blind.draw import HELD_OUT
+from ces_rig.blind.plan import HELD_OUT
 
 Arrays = Mapping[str, F]
 
@@ -176,14 +176,17 @@ def build_case_outcome(
     label: CaseLabel, gap: Mapping[str, Any], figures: Mapping[str, float], seconds: float, mode: Mode
 ) -> CaseOutcome:
     """Return the record of a case from its label and its `gap.json`."""
-    causes, rest = gap["causes"], gap["probabilities"]
+    causes, rest, together = gap["causes"], gap["probabilities"], gap["composition"]
+    shares = {c["effect"]: c["probability"] for c in causes}
+    members = [name for name in together["effects"] if name in shares]
+    shares |= dict.fromkeys(members, together["probability"] / max(len(members), 1))  # that they sum to 1
     return CaseOutcome(
         **{key: getattr(label, key) for key in SAME},
         truth=tuple(effect.name for effect in label.effects),
         verdict=gap["verdict"],
         ranked=tuple(cause["effect"] for cause in causes),
-        probability={**{c["effect"]: c["probability"] for c in causes}, NONE: rest["none"], UNKNOWN: rest["unknown"]},
-        composition=tuple(gap["composition"]["effects"]),
+        probability={**shares, NONE: rest["none"], UNKNOWN: rest["unknown"]},
+        composition=tuple(together["effects"]),
         indistinguishable=tuple(frozenset(group) for group in gap["indistinguishable"]),
         figures=figures,
         seconds=seconds,

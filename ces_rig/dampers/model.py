@@ -1,23 +1,97 @@
-"""What every damper of the rig is: numbers that can be changed by path, and the kind that its equations belong to.
+"""What every damper of the rig is: numbers that can be changed by path, the kind of its equations, withheld effects.
 
 A kind is a package: the fields of its model (`parameters`), its equations (`kernel`), and in its `__init__` how dampers
-vary, the changes that effects make, and the `KIND` that puts all together; `kinds.py` lists it.
+vary, the changes that effects make, and the `KIND` that puts all together; `stepper.py` lists it. An effect has a
+severity and proportions. These, drawn at random, set its shape in one case (such as the ratio of Stribeck to Coulomb
+friction); its physical numbers depart from the plant's own as the severity grows.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, astuple, dataclass
+from functools import partial, reduce
+from math import exp, isfinite, log, sqrt
 from types import ModuleType
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
+from numpy.random import Generator
 
 from ces_data.arrays import F
 from ces_observer.records import quantity, read_record
-from ces_rig.dampers.effects import Change, Proportions, add_to, get_number, interpolate_log, log_spread, uniform_spread
 from ces_rig.errors import RigError
+
+EFFECTS = (
+    "friction", "compressibility", "mount_compliance", "backlash", "inertia", "gas_spring", "cavitation",
+    "temperature_fade", "leakage", "blow_off", "bump_stop", "valve_lag", "current_hysteresis", "current_scale",
+    "force_offset", "force_drift", "force_scale", "position_delay",
+)  # fmt: skip
+OUTSIDE = (
+    "groove", "foaming", "side_load", "sticking_check", "ring_tilt", "cell_resonance", "cell_creep",
+    "current_crosstalk", "mains_hum", "position_wave", "late_check", "sticking_pilot", "current_ripple",
+    "frame_resonance",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Distribution of a proportion: log-uniform in [low, high] (`signed`: of either sign), or uniform."""
+
+    low: float
+    high: float
+    uniform: bool = False
+    signed: bool = False
+
+    def draw(self, rng: Generator) -> float:
+        """Return one value."""
+        if self.uniform:
+            return float(rng.uniform(self.low, self.high))
+        value = exp(rng.uniform(log(self.low), log(self.high)))
+        return -value if self.signed and rng.random() < 0.5 else value
+
+    @property
+    def middle(self) -> float:
+        """The middle of the spread."""
+        return 0.5 * (self.low + self.high) if self.uniform else sqrt(self.low * self.high)
+
+
+log_spread, uniform_spread, signed_spread = Spread, partial(Spread, uniform=True), partial(Spread, signed=True)
+Proportions = Mapping[str, Spread]
+Change = Callable[[Any, float, Mapping[str, float]], dict[str, float]]
+"""(damper description, severity, proportions) -> the numbers that the effect changes in it, by path."""
+
+
+@dataclass(frozen=True)
+class WithheldEffect:
+    """An effect put into a plant: severity 0 is none; raises RigError for an unknown name or a negative severity."""
+
+    name: str
+    severity: float
+    proportions: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        if self.name not in EFFECTS + OUTSIDE:
+            raise RigError(f"withheld effect '{self.name}' is unknown; expected one of {', '.join(EFFECTS + OUTSIDE)}")
+        if not (isfinite(self.severity) and self.severity >= 0.0):
+            raise RigError(f"withheld effect {self.name}: severity {self.severity!r}; expected a number of at least 0")
+
+
+def add_to(**paths: str) -> Change:
+    """Return a change that adds to the numbers at `paths` the severity times a proportion, the name of the argument."""
+    return lambda d, s, p: {path: get_number(d, path) + s * p[key] for key, path in paths.items()}
+
+
+def get_number(damper: object, path: str) -> float:
+    """Return the number at a path, such as `seal.coulomb_N`, in a damper's description."""
+    return float(reduce(getattr, path.split("."), damper))  # type: ignore[arg-type]
+
+
+def interpolate_log(start: float, target: float, share: float) -> float:
+    """Return the geometric interpolation from `start` (share 0) to `target` (share 1)."""
+    return float(start ** (1.0 - share) * target**share)
+
 
 T = TypeVar("T")
 
@@ -37,7 +111,7 @@ def replace_numbers(whole: T, numbers: Mapping[str, Any], where: str = "plant") 
     return read_record(type(whole), nested, where, RigError, whole)
 
 
-class DamperModel(ABC):
+class RigDamper(ABC):
     """A damper whose numbers can be changed by path: as a plant, a simulation or on a live rig."""
 
     kind: ClassVar[str]
@@ -90,7 +164,7 @@ class DamperModel(ABC):
 
 
 @dataclass(frozen=True)
-class LumpedDamper(DamperModel):
+class LumpedDamper(RigDamper):
     """Base of the kinds with a flat description: what all have; raises RigError if a number is out of range."""
 
     gas_m3: float
@@ -145,7 +219,7 @@ class DamperKind:
     file that it calls.
     """
 
-    design: DamperModel
+    design: RigDamper
     varied: Mapping[str, float]
     wrong: Mapping[tuple[str, ...], float]
     spreads: Mapping[str, Proportions]

@@ -21,12 +21,12 @@ from ces_data.arrays import F
 from ces_observer.fields import Field
 from ces_observer.records import OneOf, Record
 from ces_rig.dampers import bouc_wen, hydraulic, lookup
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
-from ces_rig.dampers.model import DamperKind, DamperModel, LumpedDamper
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper
+from ces_rig.dampers.model import DamperKind, LumpedDamper, RigDamper
 from ces_rig.drive import CURRENT, GIVEN, MOTION_SIZE, ROWS, STROKE, STROKE_SPEED
 from ces_rig.errors import RigError
 
-HYDRAULIC = Hydraulic.kind
+HYDRAULIC = HydraulicDamper.kind
 KINDS: Mapping[str, DamperKind] = {m.KIND.design.kind: m.KIND for m in (hydraulic, bouc_wen, lookup)}
 LUMPED: Mapping[str, type[LumpedDamper]] = {
     name: type(kind.design) for name, kind in KINDS.items() if isinstance(kind.design, LumpedDamper)
@@ -34,10 +34,10 @@ LUMPED: Mapping[str, type[LumpedDamper]] = {
 DAMPER = Field(kind=OneOf({HYDRAULIC: Record(Damper, partial=True), **LUMPED}))
 
 
-def parse_model(description: Mapping[str, Any], where: str) -> DamperModel:
+def parse_model(description: Mapping[str, Any], where: str) -> RigDamper:
     """Return the damper of a description of any kind; raises RigError for an unknown kind or a number out of range."""
     damper: Damper | LumpedDamper = DAMPER.check({"kind": HYDRAULIC, **description}, where, RigError)
-    return Hydraulic(damper) if isinstance(damper, Damper) else damper
+    return HydraulicDamper(damper) if isinstance(damper, Damper) else damper
 
 
 class Mover(NamedTuple):
@@ -57,7 +57,7 @@ class DamperStepper:
     """
 
     def __init__(
-        self, model: DamperModel, interval_s: float, step_s: float | None = None, mover: Mover = GIVEN_STROKE
+        self, model: RigDamper, interval_s: float, step_s: float | None = None, mover: Mover = GIVEN_STROKE
     ) -> None:
         self.kind = KINDS[model.kind]
         step_s = self.kind.kernel.STEP_S if step_s is None else step_s
@@ -132,7 +132,7 @@ class SimulatedRun:
 
 
 def simulate(
-    model: DamperModel, interval_s: float, stroke_m: F, current_A: F, speed_m_s: F | None = None,
+    model: RigDamper, interval_s: float, stroke_m: F, current_A: F, speed_m_s: F | None = None,
     step_s: float | None = None,
 ) -> SimulatedRun:  # fmt: skip
     """Drive a damper from rest with samples every `interval_s` seconds; all arrays of shape (n,), n at least 2.

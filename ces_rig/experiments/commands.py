@@ -20,7 +20,7 @@ from ces_observer.fields import REQUIRED
 from ces_observer.json_text import write_atomically
 from ces_observer.records import quantity
 from ces_rig.errors import RigError
-from ces_rig.limits import ExperimentLimits
+from ces_rig.limits import DesignLimits
 
 INTERVAL_S = 1e-3  # [s] grid of all designed experiments
 NEED = ("position", "current", "force")  # channels of every recording
@@ -128,10 +128,10 @@ class RigLimits:
             "acceleration": (np.abs(acceleration).max(), self.acceleration_m_s2, "m/s²"),
         }
         for name, (peak, limit, unit) in peaks.items():
-            if peak > limit * (1.0 + ExperimentLimits.TOLERANCE):
+            if peak > limit * (1.0 + DesignLimits.TOLERANCE):
                 yield f"{name} {peak:.4g} {unit} exceeds {limit:g} {unit}"
         low, high = commands.current_A.min(), commands.current_A.max()
-        if low < self.low_A - ExperimentLimits.TOLERANCE or high > self.high_A + ExperimentLimits.TOLERANCE:
+        if low < self.low_A - DesignLimits.TOLERANCE or high > self.high_A + DesignLimits.TOLERANCE:
             yield f"current {low:.4g} to {high:.4g} A leaves {self.low_A:g} to {self.high_A:g} A"
 
     def require_within(self, commands: RigCommands) -> RigCommands:

@@ -25,7 +25,7 @@ from ces_rig.errors import RigError
 from ces_rig.experiments.commands import INTERVAL_S, HeatLimits, RigCommands, RigLimits
 from ces_rig.experiments.information import EVERY_S, Features, Information, scaled_state, series_of
 from ces_rig.experiments.random_motions import draw_current, draw_motion, peak_share
-from ces_rig.limits import ExperimentLimits
+from ces_rig.limits import DesignLimits
 
 BLEND_S = 0.4  # of the transition between two motions, and from and to rest
 BLEND = smooth_step((np.arange(round(BLEND_S / INTERVAL_S)) + 1) / (round(BLEND_S / INTERVAL_S) + 1))
@@ -56,7 +56,7 @@ class DesignTask:
 
 
 @dataclass(frozen=True)
-class _Candidate:
+class _MotionCandidate:
     """The stroke of a slot of `count` grid points with the tail that blends into what follows, and the slot's current.
 
     `load_W` is the heat load at the slot's end, `gain` what the candidate teaches.
@@ -84,11 +84,11 @@ def design_experiment(
     slots = max(1, round(duration_s / SLOT_S))
     counts = np.diff(np.linspace(0, round(duration_s / INTERVAL_S), slots + 1).astype(int))
     rest = np.full(1 + len(BLEND), limits.centre_m)
-    best, information = _Candidate(rest, np.full(1, limits.low_A), 1, task.load_W), task.information
-    chosen: list[_Candidate] = []
+    best, information = _MotionCandidate(rest, np.full(1, limits.low_A), 1, task.load_W), task.information
+    chosen: list[_MotionCandidate] = []
     for count in map(int, counts):
         weighed = information.weigh(task.targets, task.weights)
-        drawn: list[_Candidate] = []
+        drawn: list[_MotionCandidate] = []
         for _ in range(MAX_DRAWS * candidates):
             candidate = _draw_candidate(task, best, count, len(chosen) == slots - 1, rng)
             if candidate is not None:
@@ -113,8 +113,8 @@ def rows_of(stroke_m: F, current_A: F, limits: RigLimits, features: Features) ->
 
 
 def _draw_candidate(
-    task: DesignTask, before: _Candidate, count: int, is_last: bool, rng: Generator
-) -> _Candidate | None:
+    task: DesignTask, before: _MotionCandidate, count: int, is_last: bool, rng: Generator
+) -> _MotionCandidate | None:
     """Return a candidate that blends from the tail of the slot before, and in the last slot into rest.
 
     None if it leaves the limits.
@@ -128,14 +128,14 @@ def _draw_candidate(
         stroke[count:] = limits.centre_m
     current = draw_current(limits, count, rng)
     joined = np.concatenate([before.slot[-2:], stroke])
-    if peak_share(joined - limits.centre_m, limits) > 1.0 - ExperimentLimits.MARGIN:
+    if peak_share(joined - limits.centre_m, limits) > 1.0 - DesignLimits.MARGIN:
         return None
     load = np.full(1, before.load_W)
     if limits.heat.power_W > 0.0:
         load = limits.heat.load_after(before.load_W, task.power(stroke[:count], current), INTERVAL_S)
         if load.max() > limits.heat.power_W:
             return None
-    return _Candidate(stroke, current, count, float(load[-1]))
+    return _MotionCandidate(stroke, current, count, float(load[-1]))
 
 
 def _settle(commands: RigCommands, limits: RigLimits) -> RigCommands:
@@ -196,5 +196,5 @@ def make_power_model(model: Model | None, heat: HeatLimits) -> PowerModel:
 
 def plan_rest(heat: HeatLimits, load_W: float) -> tuple[float, float]:
     """Return the rest [s] that a damper needs before an experiment, and its load [W] afterwards."""
-    rest = heat.cool_down_s(load_W, ExperimentLimits.START_LOAD * heat.power_W)
+    rest = heat.cool_down_s(load_W, DesignLimits.START_LOAD * heat.power_W)
     return rest, load_W * float(np.exp(-rest / heat.memory_s))

@@ -24,7 +24,7 @@ from ces_identify.validation.band import band_half_width
 from ces_observer.model import Model
 from ces_rig.experiments.commands import INTERVAL_S, RigCommands, RigLimits
 from ces_rig.experiments.random_motions import draw_current, draw_motion
-from ces_rig.limits import ExperimentLimits
+from ces_rig.limits import DesignLimits
 
 STATE = ("stroke", "speed", "current", "change of speed", "change of current")
 SCALES = np.array([1.2, 0.45, 0.7, 0.6, 0.9])  # of the kernel, in units of the scaled state
@@ -132,7 +132,7 @@ class Information:
 
     def coverage(self, rows: F) -> float:
         """Return the share of the states with these rows (n, features) that count as covered."""
-        return float(np.mean(self.variance(rows) <= ExperimentLimits.KNOWN_VARIANCE))
+        return float(np.mean(self.variance(rows) <= DesignLimits.KNOWN_VARIANCE))
 
     def weigh(self, targets: F, weights: F) -> F:
         """Return C T C, which `gain` needs, for targets (m, features) with weights (m,)."""
@@ -247,6 +247,6 @@ def find_least_known(pool: Pool, unknown: F, variance: F) -> tuple[LeastKnownReg
         least = int(np.argmax(means))
         ends = float(edges[least]), float(edges[least + 1])
         relative = float(means[least] / max(float(unknown.mean()), 1e-300))
-        known = float(np.mean(variance[part == least] <= ExperimentLimits.KNOWN_VARIANCE))
+        known = float(np.mean(variance[part == least] <= DesignLimits.KNOWN_VARIANCE))
         regions.append(LeastKnownRegion(axis, unit, *ends, relative, known))
     return tuple(regions)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ces_data.arrays import F
-from ces_data.waveforms.sequences import filtered_noise
+from ces_data.waveforms.strokes import filtered_noise
 from ces_rig.experiments.commands import INTERVAL_S, RigLimits
 
 MIN_HZ = 0.3

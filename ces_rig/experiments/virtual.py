@@ -22,15 +22,14 @@ from ces_data.config_file import read_yaml_mapping
 from ces_data.recording import Recording
 from ces_data.waveforms import currents
 from ces_data.waveforms.currents import HIGH, LOW, require_range
-from ces_data.waveforms.sequences import Current
-from ces_data.waveforms.strokes import Stroke
+from ces_data.waveforms.strokes import Current, Stroke
 from ces_observer.control.force_controller import CurveError, ForceCurve
 from ces_observer.fields import Field
 from ces_observer.records import OneOf, Record, part, quantity, read_record
 from ces_observer.shapes import Either
 from ces_rig.dampers.hydraulic.kernel import LAST_STROKE, rest_force
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, load_damper
-from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper, load_damper
+from ces_rig.dampers.model import RigDamper
 from ces_rig.dampers.stepper import (
     GIVEN_STROKE,
     DamperStepper,
@@ -161,9 +160,7 @@ def load_experiment(path: Path) -> Experiment:
 def parse_experiment(description: Mapping[str, Any], where: str, path: Path | None = None) -> Experiment:
     """Return the experiment of a `description`; files in it are relative to the folder of `path`."""
     folder, values = path.parent if path else Path(), {"name": path.stem if path else "experiment", **description}
-    stroke, damper = description.get("stroke"), description.get("damper")
-    if isinstance(stroke, Mapping) and stroke.get("kind") == "file" and isinstance(stroke.get("path"), str):
-        values["stroke"] = {**stroke, "path": str(folder / stroke["path"])}
+    damper = description.get("damper")
     if isinstance(damper, str):
         del values["damper"]
     experiment = read_record(Experiment, values, where, RigError)
@@ -192,7 +189,7 @@ def drive_damper(
     damping force (without the gas force at mid-stroke) with the command [A] of the next one. Raises RigError for a
     stroke, or an actuator, that reaches beyond the damper's ends.
     """
-    model, interval = Hydraulic(damper), float(time_s[1] - time_s[0])
+    model, interval = HydraulicDamper(damper), float(time_s[1] - time_s[0])
     inputs, speed, reachable = described_m, np.zeros_like(time_s), described_m
     if servo is None:
         speed = spline_speed(time_s, described_m)
@@ -239,7 +236,7 @@ def with_seed(experiment: Experiment, seed: int) -> Experiment:
 class DamperDescription:
     """A damper of any kind, its sensors and their effects' physical numbers, and the reading at mid-stroke [N]."""
 
-    model: DamperModel = field(default_factory=lambda: Hydraulic(Damper()))
+    model: RigDamper = field(default_factory=lambda: HydraulicDamper(Damper()))
     sensors: Sensors = field(default_factory=Sensors)
     rest_N: float = 0.0
     sensor_effects: tuple[tuple[str, Mapping[str, float]], ...] = ()
@@ -248,7 +245,7 @@ class DamperDescription:
 def load_description(path: Path) -> DamperDescription:
     """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError."""
     description = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
-    if "stroke" in description and description.get("kind", Hydraulic.kind) == Hydraulic.kind:
+    if "stroke" in description and description.get("kind", HydraulicDamper.kind) == HydraulicDamper.kind:
         description.pop("kind", None)
         return describe_experiment(parse_experiment(description, str(path), path))
     return DamperDescription(parse_model(description, str(path)))
@@ -256,7 +253,7 @@ def load_description(path: Path) -> DamperDescription:
 
 def describe_experiment(experiment: Experiment) -> DamperDescription:
     """Return the damper and sensors of an experiment."""
-    model = Hydraulic(experiment.damper)
+    model = HydraulicDamper(experiment.damper)
     rest = 0.0 if experiment.settings.tare else rest_force(model.coefficients())
     return DamperDescription(model, experiment.sensors, rest)
 

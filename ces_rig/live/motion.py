@@ -17,8 +17,18 @@ from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F, I
-from ces_data.waveforms.sequences import Shape
-from ces_data.waveforms.strokes import REAR, Common, NoiseStroke, Rest, Sine, Stroke, Sweep, Triangle, smooth_step
+from ces_data.waveforms.strokes import (
+    REAR,
+    Common,
+    NoiseStroke,
+    Rest,
+    Shape,
+    Sine,
+    Stroke,
+    Sweep,
+    Triangle,
+    smooth_step,
+)
 from ces_observer.records import choice, quantity
 from ces_rig.dampers.stepper import spline_speed
 from ces_rig.errors import RigError

@@ -20,8 +20,7 @@ from ces_observer.fields import require_known_keys
 from ces_observer.nodes.parameter_table import EXECUTOR
 from ces_observer.options import Option, as_parameter
 from ces_observer.records import choice, part, quantity, walk_record
-from ces_rig.dampers.effects import WithheldEffect
-from ces_rig.dampers.model import replace_numbers
+from ces_rig.dampers.model import WithheldEffect, replace_numbers
 from ces_rig.dampers.stepper import GIVEN_STROKE, HYDRAULIC, DamperStepper, Mover
 from ces_rig.drive import BODY_SPEED, FORCE, STROKE, TYRE
 from ces_rig.drive import VEHICLE as VEHICLE_MOVER

@@ -15,8 +15,7 @@ from ces_observer.json_text import write_atomically
 from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, PlotMark, draw_plot
 from ces_report.shell import PageHead, page_template, replace_unencodable
 from ces_rig.experiments.commands import RigCommands, RigLimits
-from ces_rig.loop.identification import evaluate_fresh
-from ces_rig.loop.iterate import Iterations
+from ces_rig.loop.iterate import Iterations, evaluate_fresh
 from ces_rig.loop.store import Iteration, Step
 
 SECONDS = "Recorded time in all [s]"

@@ -31,7 +31,7 @@ from ces_observer.shapes import ByName
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import NEED, RigCommands, read_commands, write_commands
 from ces_rig.experiments.information import LeastKnownRegion
-from ces_rig.loop.plan import Plan, load_plan
+from ces_rig.loop.rigs import Plan, load_plan
 
 ROWS = "iterations.jsonl"
 RECORDING = "recording"

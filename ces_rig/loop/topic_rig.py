@@ -44,10 +44,10 @@ class TopicRig:
     def run(self, commands: RigCommands, folder: Path) -> Recording:
         """Run the commands and return the recording; raises RigError if the rig is silent or does not follow."""
         with _spinning_node() as node:
-            return _Run(node, self._settings, self._signals, commands).record()
+            return _TopicRun(node, self._settings, self._signals, commands).record()
 
 
-class _Run:
+class _TopicRun:
     """One run on a spinning node."""
 
     def __init__(self, node: Node, settings: RosRigSettings, signals: Signals, commands: RigCommands) -> None:

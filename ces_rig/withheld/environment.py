@@ -15,8 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from ces_data.arrays import F
-from ces_rig.dampers.effects import Proportions, WithheldEffect, log_spread, signed_spread, uniform_spread
-from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.model import Proportions, RigDamper, WithheldEffect, log_spread, signed_spread, uniform_spread
 from ces_rig.dampers.stepper import DamperStepper, simulate, spline_speed
 from ces_rig.errors import RigError
 from ces_rig.sensors import Truth
@@ -157,7 +156,7 @@ SENSING: Mapping[str, Callable[[Truth, Numbers], Truth]] = {
 
 
 def run_surrounded(
-    model: DamperModel, effects: Mapping[str, Numbers], interval_s: float, stroke_m: F, command_A: F
+    model: RigDamper, effects: Mapping[str, Numbers], interval_s: float, stroke_m: F, command_A: F
 ) -> tuple[F, F, F]:
     """Run the damper inside its surroundings; `effects` are physical numbers by name.
 
@@ -193,7 +192,7 @@ def hold_until_free(signal: F, threshold: float) -> F:
     return held
 
 
-def _run_on_frame(model: DamperModel, p: Numbers, interval_s: float, stroke_m: F, current_A: F) -> tuple[F, F]:
+def _run_on_frame(model: RigDamper, p: Numbers, interval_s: float, stroke_m: F, current_A: F) -> tuple[F, F]:
     """Return force and temperature of a damper whose frame, a mass on a lightly damped spring, yields to its force.
 
     The logged stroke is between actuator and ground. Step by step: the frame moves under the force at the middle of

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ces_data.arrays import F
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Proportions, WithheldEffect
-from ces_rig.dampers.model import DamperKind, DamperModel
+from ces_rig.dampers.model import EFFECTS, OUTSIDE, DamperKind, Proportions, RigDamper, WithheldEffect
 from ces_rig.dampers.stepper import KINDS, simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S, Truth
@@ -40,7 +39,7 @@ def available_effects(kind: str) -> tuple[str, ...]:
     return tuple(name for name in EFFECTS + OUTSIDE if name in spreads)
 
 
-def draw_plant(kind: str, rng: Generator, design: DamperModel | None = None) -> DamperModel:
+def draw_plant(kind: str, rng: Generator, design: RigDamper | None = None) -> RigDamper:
     """Return a damper with log-normally drawn numbers around a `design`, by default that of the kind.
 
     Raises RigError for a kind not in PLANTS.
@@ -59,7 +58,7 @@ def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:
     return WithheldEffect(name, 1.0, {key: spread.draw(rng) for key, spread in spreads[name].items()})
 
 
-def perturb(plant: DamperModel, size: float, rng: Generator) -> DamperModel:
+def perturb(plant: RigDamper, size: float, rng: Generator) -> RigDamper:
     """Return the plant with wrong numbers, by about 20 % at `size` 1; equal states of `rng` give equal directions."""
     wrong = KINDS[plant.kind].wrong
     factors = {paths: float(np.exp(size * deviation * rng.standard_normal())) for paths, deviation in wrong.items()}
@@ -67,7 +66,7 @@ def perturb(plant: DamperModel, size: float, rng: Generator) -> DamperModel:
     return plant.with_numbers(numbers)
 
 
-def physical_numbers(plant: DamperModel, withheld: WithheldEffect) -> dict[str, float]:
+def physical_numbers(plant: RigDamper, withheld: WithheldEffect) -> dict[str, float]:
     """Return the true physical numbers of the effect: the numbers that it gives the plant, or the sensor."""
     if withheld.name in environment.SPREADS:
         return environment.numbers(withheld, plant.current_A[1])
@@ -75,7 +74,7 @@ def physical_numbers(plant: DamperModel, withheld: WithheldEffect) -> dict[str, 
 
 
 def simulate_signals(
-    plant: DamperModel, effects: Sequence[WithheldEffect], time_s: F, stroke_m: F, command_A: F
+    plant: RigDamper, effects: Sequence[WithheldEffect], time_s: F, stroke_m: F, command_A: F
 ) -> Truth:
     """Return the signals of ideal sensors; `time_s` is a grid of GRID_S, `stroke_m` the true stroke, all (n,).
 
@@ -103,12 +102,12 @@ def simulate_signals(
     return true
 
 
-def simulate_expected(plant: DamperModel, true: Truth) -> F:
+def simulate_expected(plant: RigDamper, true: Truth) -> F:
     """Return the force [N] (n,) of the plant without effects, driven with the recorded position and coil current."""
     return simulate(plant.without_coil(), GRID_S, true.stroke_m, true.coil_A).tared_N
 
 
-def gap_from(plant: DamperModel, free: Truth, true: Truth) -> float:
+def gap_from(plant: RigDamper, free: Truth, true: Truth) -> float:
     """Return the RMS [N] of `true`'s force less that without effects; equal signals in `free` save a simulation."""
     unmoved = np.array_equal(true.stroke_m, free.stroke_m) and np.array_equal(true.coil_A, free.coil_A)
     without = free.force_N if unmoved else simulate_expected(plant, true)
@@ -128,7 +127,7 @@ MAX_STRIDE = log(8.0)  # longest step of the search in log size
 
 
 def scale_to_gap(
-    plant: DamperModel, withheld: WithheldEffect, target_N: float, time_s: F, stroke_m: F, command_A: F
+    plant: RigDamper, withheld: WithheldEffect, target_N: float, time_s: F, stroke_m: F, command_A: F
 ) -> WithheldEffect:
     """Return the effect at the severity that makes a gap of `target_N` RMS (within 3 %) under this excitation.
 
@@ -145,12 +144,12 @@ def scale_to_gap(
 
 
 def perturb_to_gap(
-    plant: DamperModel, target_N: float, seed: int | list[int], time_s: F, stroke_m: F, command_A: F
-) -> tuple[DamperModel, float]:
+    plant: RigDamper, target_N: float, seed: int | list[int], time_s: F, stroke_m: F, command_A: F
+) -> tuple[RigDamper, float]:
     """Return the plant with an error of `target_N` RMS (within 3 %) in a direction drawn from `seed`, and its size."""
     base = simulate_signals(plant, (), time_s, stroke_m, command_A).force_N
 
-    def perturb_plant(size: float) -> DamperModel:
+    def perturb_plant(size: float) -> RigDamper:
         return perturb(plant, size, np.random.default_rng(seed))
 
     def gap(size: float) -> float:

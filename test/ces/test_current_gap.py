@@ -44,7 +44,7 @@ def test_currents_in_the_gap_are_warned_of_wherever_the_model_runs(tmp_path):
         ces.simulate(holed, T, X, 0.5)
     with pytest.warns(UserWarning, match="currents 0.5 A: No current between 0.35 and 0.65 A was recorded"):
         holed.force_speed(0.5, 0.1)
-    assert not [i for i in holed.force_speed(speeds=0.1).index if 0.35 < i < 0.65]
+    assert not [i for i in holed.force_speed(speeds=0.1).columns if 0.35 < i < 0.65]
     driven = {"time_s": T, "position_m": X, "current_A": 0.3, "force_N": 3000.0 * np.gradient(X, T)}
     page = holed.report(tmp_path / "page.html", driven).read_text(encoding="utf-8")
     assert "Currents between 0.35 and 0.65 A: none was recorded" in page
@@ -58,3 +58,24 @@ def test_the_estimator_counts_a_current_in_the_gap_as_outside_and_keeps_its_forc
     forces = [(plain.step(n, x, current_A), estimator.step(n, x, current_A)) for n, x in zip(STAMPS_NS, X, strict=True)]
     assert estimator.clamped == is_outside
     assert forces[-1][0] == forces[-1][1] is not None
+    assert estimator.half_width() == (None if is_outside else plain.half_width()) and plain.half_width() > 0.0
+
+
+def test_the_gap_has_no_band_whose_coverage_could_be_claimed():
+    model = ces.Model.load(ROOT / "config/models/sample.json")
+    holed = replace(model, envelope=replace(model.envelope, current_gap_A=(0.35, 0.65)))
+    driven = {
+        "time_s": T,
+        "position_m": X,
+        "current_A": np.where(T < 1.5, 0.3, 0.5),
+        "force_N": 3000.0 * np.gradient(X, T),
+    }
+    with pytest.warns(UserWarning, match="without 0.35 to 0.65"):
+        (plain,), (evaluation,) = model.validate(driven), holed.validate(driven)
+    in_gap = evaluation.series.current == 0.5
+    np.testing.assert_array_equal(evaluation.half_width, np.where(in_gap, np.nan, plain.half_width))
+    scored = evaluation.series.scored
+    inside = np.abs(evaluation.error) <= plain.half_width[scored]
+    assert evaluation.coverage == np.mean(inside[~in_gap[scored]])
+    with pytest.warns(UserWarning, match="100.0 % of the time"):
+        assert holed.validate(driven | {"current_A": 0.5})[0].coverage is None

@@ -6,13 +6,17 @@ import inspect
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hydraulic_models import hydraulic_model, make_hydraulic
+from physical_examples import make_valve
 from test_door import CURRENT, FORCE, MODEL, QUICK, ROAD, ROOT, T, X, columns, without_force
 
 import ces
 from ces_identify.options import list_options
+from ces_identify.physical.quantities import ERRORS
 
 
 def test_simulations_come_alone_in_a_list_or_by_name_and_recordings_by_globs(model):
@@ -40,7 +44,27 @@ def test_whatever_can_be_compared_can_be_simulated_and_validated(model, tmp_path
     assert (exact.cost, exact.rms_N) == pytest.approx((0.0, 0.0), abs=1e-6)
     (pair,) = ces.compare([force, lambda t, x, i: 1.5 * force(t, x, i)], table).pairs
     assert half_too_much[0].cost == pytest.approx(-pair.pooled.value) and "unknown 5.5 s" in repr(half_too_much)
+    assert np.isnan(exact.outside_share) and "out %" not in repr(half_too_much)  # a function has no envelope
+    for factor, text in ((-1.0, "has the opposite sign"), (1e-3, "1e\\+03 times as large .*; are both in N")):
+        with pytest.warns(UserWarning, match=text):
+            ces.validate(lambda t, x, i, factor=factor: factor * force(t, x, i), table)
     np.testing.assert_array_equal(ces.simulate(MODEL, table), model.simulate(table))
+
+
+def test_a_network_predicts_what_it_simulates_and_shows_its_quantities_as_numbers(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    network = hydraulic_model(make_hydraulic(make_valve()))
+    errors = {"selection": {ERRORS: {"quantities": {"Moving mass [kg]": 0.3, "Lead of the drive [ms]": 0.3}}}}
+    replace(network, provenance=errors).save(tmp_path / "model.json")
+    loaded = ces.Model.load(tmp_path / "model.json")
+    jittered = T + np.random.default_rng(1).uniform(-6e-4, 6e-4, len(T))
+    logged = columns(time_s=jittered, position_m=0.4 * X)
+    np.testing.assert_array_equal(loaded.predict(logged, steps=3), loaded.simulate(logged))
+    table = loaded.to_frame().set_index("quantity")
+    assert all(table[name].dtype == float for name in ("value", "standard_error", "low", "high"))
+    lead = table.loc["Lead of the drive"]
+    assert (lead.unit, lead.high - lead.low) == ("ms", pytest.approx(2 * 1.96 * 0.3))
+    assert table.loc["Moving mass", "low"] == 0.0 and pandas.isna(table.loc["Friction of the seals", "standard_error"])
 
 
 def test_a_model_learns_the_force_of_a_teacher():

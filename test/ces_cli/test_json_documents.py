@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 from contextlib import redirect_stdout
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import pytest
 from programs import NO_SHORT_FITS, ces, document_of, text_of
 from small_recordings import RULES, make_columns, write_columns, write_small_csv
 
+from bench.reference.programs import parser_of
 from ces_cli.main import PROGRAMS
 from ces_cli.terminal.options import list_actions
 from ces_cli.terminal.outputs import as_plain, print_document, without_text
@@ -58,9 +58,8 @@ def identified(work: Path) -> tuple[dict[str, Any], Path]:
 
 
 def test_every_program_with_tables_has_the_option() -> None:
-    for name, (module, _) in PROGRAMS.items():
-        parser = import_module(f"ces_cli.{module}").make_parser()
-        options = {option for action in list_actions(parser) for option in action.option_strings}
+    for name in PROGRAMS:
+        options = {option for action in list_actions(parser_of(name)) for option in action.option_strings}
         assert ("--json" in options) != (name in WITHOUT_TABLES), name
 
 

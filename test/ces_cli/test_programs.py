@@ -22,7 +22,7 @@ from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 from ces_report.typesetting import format_within
 
 

@@ -19,7 +19,7 @@ from ces_cli.terminal.outputs import make_schemas
 from ces_data.logs.log_mapping import TEMPLATE as IMPORT_TEMPLATE
 from ces_identify.polynomial.rules_file import built_in_rules
 from ces_identify.schema_files import ABOUT, KEYWORD, path_of_schema, schema_line
-from ces_rig.loop.plan import TEMPLATE as ITERATE_TEMPLATE
+from ces_rig.loop.rigs import TEMPLATE as ITERATE_TEMPLATE
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = sorted(

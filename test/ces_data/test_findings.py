@@ -76,7 +76,16 @@ def paused(*pauses, more=()):
 
 
 FOUND = [
-    (recording(channel("position", values=np.full(COUNT, 0.02))), "error", "position: constant at 0.02 m; expected a"),
+    (
+        recording(channel("position", values=np.full(COUNT, 0.02)), channel("force")),
+        "error",
+        "position: constant at 0.02",
+    ),
+    (
+        recording(channel("position", values=np.full(COUNT, 0.02))),
+        "warning",
+        "position: constant at 0.02 m; expected a",
+    ),
     (recording(position=0.1), "error", "position: is a constant in the signals"),
     (recording(channel("current", 0)), "error", "current: the channel is empty; expected samples"),
     (

@@ -85,7 +85,7 @@ def test_parameters_stay_fixed_on_request_or_within_their_range() -> None:
     fixed = diagnose_own("knee", {"gas_N_m": 2990.0}, ("none",))
     assert "parameters" not in {name for c in fixed.causes for name in c.effects}
     some = diagnose_own("chamber", {"relief_N": 300.0}, ("relief_N=200..260",))
-    assert some.verdict != NAMED and "relief_N lies at a bound or far from the default" in some.sentence
+    assert some.verdict != NAMED and "relief_N lies at the end of the range or far from the default" in some.sentence
 
 
 def test_a_simulation_that_fails_while_it_is_fitted_loses_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:

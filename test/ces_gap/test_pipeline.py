@@ -108,7 +108,9 @@ def diagnosis_of_sprung() -> Diagnosis:
 
 
 def sum_of_probabilities(diagnosis: Diagnosis) -> float:
-    return diagnosis.probability_none + diagnosis.probability_unknown + sum(c.probability for c in diagnosis.causes)
+    """Return the sum over what excludes each other: effects together count once."""
+    together = diagnosis.composition.effects if diagnosis.is_combined else ()
+    return sum(one.probability for one in diagnosis.possibilities if not {*one.effects} < {*together})
 
 
 @pytest.mark.slow
@@ -117,8 +119,10 @@ def test_a_cause_is_named_with_its_parameter_despite_a_baseline_error() -> None:
     assert diagnosis.verdict == NAMED and diagnosis.composition.effects == ("gas_spring",)
     assert diagnosis.causes[0].effects == ("gas_spring",) and diagnosis.causes[0].probability > 0.5
     frame = pytest.importorskip("pandas") and diagnosis.to_frame()
-    assert frame["effect"][0] == "gas_spring" and len(frame) == len(diagnosis.causes)
-    assert frame["shrink_low"][0] < frame["shrink"][0] < frame["shrink_high"][0]
+    assert frame["effect"][0] == "gas_spring" and len(frame) == len(diagnosis.causes) + 2
+    low, shrink, high = (frame[f"shrink{end}_percent"][0] for end in ("_low", "", "_high"))
+    assert low < shrink < high
+    assert "stiffness_N_m" in [*diagnosis.composition.to_frame()["parameter"]]
     stiffness = next(e for e in diagnosis.composition.estimates[0] if e.name == "stiffness_N_m")
     assert stiffness.value == pytest.approx(STIFFNESS, rel=0.05) and not stiffness.at_bound
     assert stiffness.ci95[0] < stiffness.value < stiffness.ci95[1]

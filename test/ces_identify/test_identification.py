@@ -18,7 +18,7 @@ from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.band import band_half_width
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 pytestmark = pytest.mark.slow
 planted = partial(planted_ride, sampling=choose_sampling([planted_ride(1)]))  # with the speed that is identified

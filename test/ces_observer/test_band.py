@@ -8,11 +8,10 @@ from bands import BAND, make_band
 from model_examples import make_model
 from samplings import make_sampling
 
-from ces_observer.band import PARTS
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
 from ces_observer.flat import ArrayLayout
-from ces_observer.model import parse_model
+from ces_observer.model import PARTS, parse_model
 from ces_observer.tick.band import band_half_width, band_tick
 from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
 

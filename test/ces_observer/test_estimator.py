@@ -7,7 +7,7 @@ from model_examples import make_model
 
 from ces_observer.estimator import Estimator
 from ces_observer.reasons import NOT_FINITE
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 MS = 1_000_000
 

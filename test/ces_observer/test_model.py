@@ -23,7 +23,7 @@ from trained_models import experts_model, fuzzy_model, network_model
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import load_model, parse_model
 from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, make_memberships
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 
 def broken(change):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ces_data.waveforms.currents import ConstantLevel
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper
 from ces_rig.dampers.stepper import simulate
 from ces_rig.drive import MOTION_SIZE, STROKE, STROKE_SPEED, ServoActuator, ServoNumbers, servo_step
 from ces_rig.experiments.virtual import drive_damper, parse_experiment, run, simulate_truth, with_seed
@@ -141,7 +141,7 @@ def test_a_repetition_has_other_noise_and_the_same_stroke_and_current():
 def test_without_an_actuator_the_stroke_is_exact():
     truth = simulate_truth(parse_experiment(SHORT, "e"))
     assert np.array_equal(truth.stroke_m, truth.command_m)
-    plain = simulate(Hydraulic(Damper()), GRID_S, truth.stroke_m, truth.commanded_A)
+    plain = simulate(HydraulicDamper(Damper()), GRID_S, truth.stroke_m, truth.commanded_A)
     assert np.array_equal(truth.force_N + 0.0, plain.force_N - (plain.force_N - truth.force_N)[0])
 
 

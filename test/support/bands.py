@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ces_observer.band import Band
+from ces_observer.model import Band
 
 if TYPE_CHECKING:
     from ces_data.arrays import F

@@ -16,8 +16,7 @@ from ces_observer.structures.constructed_inputs import (
     lay_out_constructed,
     make_memberships,
 )
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 from ces_observer.tick.constructed import constructed_update
 
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)

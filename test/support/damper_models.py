@@ -8,8 +8,7 @@ from typing import Any
 from samplings import make_sampling
 
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 RATE_HZ = 1000.0
 

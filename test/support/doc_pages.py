@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
 import io
 import os
 import re
@@ -30,6 +29,7 @@ from typing import Any
 import numpy as np
 from small_recordings import RULES, UNITS, make_columns, write_small_csv
 
+from bench.reference.programs import parser_of
 from ces_cli.identify.request import PARAMETERS
 from ces_cli.main import PROGRAMS, main
 from ces_data.bags.writer import recording_topics, write_bag
@@ -117,8 +117,7 @@ def read_commands(text: str, prompt: str = "") -> list[tuple[str, list[str]]]:
 def make_parser(program: str) -> argparse.ArgumentParser:
     """Return the parser of a program."""
     assert program in PROGRAMS, f"there is no program '{program}'"
-    parser: argparse.ArgumentParser = importlib.import_module(f"ces_cli.{PROGRAMS[program][0]}").make_parser()
-    return parser
+    return parser_of(program)
 
 
 def parse(command: str) -> list[str]:

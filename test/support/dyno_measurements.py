@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper
 from ces_rig.dampers.stepper import DamperStepper, SimulatedRun, simulate, spline_speed
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ def steady_force(damper: Damper, speed_m_s: float, current_A: float) -> float:
     """
     time = np.arange(0.0, 0.040 / abs(speed_m_s) + STEP, STEP)
     stroke = speed_m_s * (time - time[-1])
-    stepper = DamperStepper(Hydraulic(damper), STEP)
+    stepper = DamperStepper(HydraulicDamper(damper), STEP)
     stepper.settle(stroke[0], 0.0, current_A)
     force = stepper.advance(stroke, np.full_like(time, speed_m_s), np.full_like(time, current_A))
     return float(force[-1]) - stepper.rest_N
@@ -43,7 +43,7 @@ def cycle(damper: Damper, amplitude_m: float, frequency_Hz: float, current_A: fl
     rise = np.minimum(phase / (2 * np.pi), 1.0)
     stroke = amplitude_m * rise**2 * (3 - 2 * rise) * np.sin(phase)
     interval = 1.0 / frequency_Hz / n
-    run = simulate(Hydraulic(damper), interval, stroke, np.full_like(stroke, current_A))
+    run = simulate(HydraulicDamper(damper), interval, stroke, np.full_like(stroke, current_A))
     last = slice(len(stroke) - 1 - n, len(stroke) - 1)
     speed = spline_speed(run.time_s, stroke)
     return Cycle(stroke[last], speed[last], run.tared_N[last])
@@ -54,7 +54,9 @@ def current_step(damper: Damper, speed_m_s: float, from_A: float, to_A: float) -
     half = 0.045 / abs(speed_m_s)
     time = np.arange(0.0, 2 * half, STEP)
     current = np.where(time < half, from_A, to_A)
-    return simulate(Hydraulic(damper), STEP, speed_m_s * (time - half), current, np.full_like(time, speed_m_s)), half
+    return simulate(
+        HydraulicDamper(damper), STEP, speed_m_s * (time - half), current, np.full_like(time, speed_m_s)
+    ), half
 
 
 def rise_time(run: SimulatedRun, step_s: float, share: float = 0.63, settle_s: float = 0.08) -> float:

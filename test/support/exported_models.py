@@ -18,8 +18,7 @@ from ces_observer.structures.curves import FlowMap
 from ces_observer.structures.fuzzy import Bell, Premise, Rule
 from ces_observer.structures.hydraulic import EDGES
 from ces_observer.structures.lagged_signals import Regressor
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 
 def f(signal, lag=0, power=1.0, signed=True):

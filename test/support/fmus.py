@@ -9,8 +9,7 @@ from samplings import make_sampling
 from ces_identify.export.export_model import binary_path, export_fmu
 from ces_observer.model import Envelope, Model
 from ces_observer.proof.certificate import Contraction
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 UNPROVED = Contraction(2.0, 1.0, 1, "", "")
 SPEED, CURRENT = Factor("speed", 0), Factor("current", 0)

@@ -13,8 +13,7 @@ from samplings import make_sampling
 
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
-from ces_observer.structures.hydraulic import KINDS, Hydraulic
-from ces_observer.structures.physical import FrictionElement, SideForces, ValvePath
+from ces_observer.structures.hydraulic import KINDS, FrictionElement, Hydraulic, SideForces, ValvePath
 
 ENVELOPE = Envelope((-0.018, 0.018), (-1.5, 1.4), (0.1, 0.9))
 SAMPLING = make_sampling(outlier_m=0.004, warm_up_s=0.1)

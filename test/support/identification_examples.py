@@ -9,8 +9,7 @@ from samplings import make_sampling
 
 from ces_identify.polynomial.rules_file import parse_rules
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 SAMPLING = make_sampling(500.0, 0.01)
 PLANTED = Model(

@@ -13,8 +13,7 @@ from ces_rig.dampers.stepper import KINDS
 from ces_rig.experiments.commands import INTERVAL_S, HeatLimits, RigCommands, RigLimits
 from ces_rig.experiments.designer import DesignTask, make_power_model
 from ces_rig.experiments.information import Information, Pool, draw_features, draw_pool
-from ces_rig.loop.plan import Plan, parse_plan
-from ces_rig.loop.rigs import VirtualRig
+from ces_rig.loop.rigs import Plan, VirtualRig, parse_plan
 
 LIMITS: Mapping[str, Any] = {
     "stroke_m": 0.02, "speed_m_s": 0.7, "acceleration_m_s2": 60.0, "low_A": 0.2, "high_A": 1.6, "frequency_Hz": 12.0,

@@ -7,7 +7,7 @@ import pytest
 
 from ces_identify.polynomial.problem import lay_out_terms
 from ces_observer.model import Envelope
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 TERMS = (
     Term(5.0, (Factor("speed", 0, 0.5),)),

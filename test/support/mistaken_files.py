@@ -17,9 +17,8 @@ from small_recordings import columns_as_channels, make_columns, write_channels, 
 
 from ces_data.bags.writer import TopicData, write_bag
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
-from ces_rig.loop.plan import TEMPLATE
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
+from ces_rig.loop.rigs import TEMPLATE
 
 RATE = 250.0
 LAGS, POWERS = list(range(200)), [0.5, 1.0, 1.5, 2.0]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from samplings import make_sampling
 
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 TERMS = (
     Term(1200.0, (Factor("speed", 0, 0.5), Factor("current", 5, 1.0, signed=False))),

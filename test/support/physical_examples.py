@@ -1,7 +1,7 @@
 """A valve path of the size that identification gives, with round numbers."""
 
 from ces_observer.structures.curves import IncreasingCurve
-from ces_observer.structures.physical import ValvePath
+from ces_observer.structures.hydraulic import ValvePath
 
 CHARACTERISTIC = IncreasingCurve((0.1, 0.25, 0.4, 0.55, 0.7, 0.9), (0.0, 0.1, 0.25, 0.5, 0.75, 1.0))
 

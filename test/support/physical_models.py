@@ -9,8 +9,7 @@ from random import Random
 
 from ces_observer.model import Model, load_model
 from ces_observer.structures.curves import FlowMap, IncreasingCurve
-from ces_observer.structures.hydraulic import Hydraulic
-from ces_observer.structures.physical import SideForces, ValvePath
+from ces_observer.structures.hydraulic import Hydraulic, SideForces, ValvePath
 
 SEEDS = Path(__file__).resolve().parents[2] / "bench" / "fuzz" / "seeds" / "model"
 FITTED = ("hydraulic", "hydraulic_bypass")

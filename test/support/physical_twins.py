@@ -11,8 +11,7 @@ from scipy.optimize import brentq
 
 from ces_observer.model import Model
 from ces_observer.structures.curves import Bypass, FlowMap, interpolate
-from ces_observer.structures.hydraulic import EDGES, SPREAD, Hydraulic
-from ces_observer.structures.physical import widen
+from ces_observer.structures.hydraulic import EDGES, SPREAD, Hydraulic, widen
 from ces_observer.structures.structure import INPUTS
 from ces_observer.tick.pressures import STILL_N, WARMEST, WARMING_S
 

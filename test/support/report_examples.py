@@ -11,8 +11,7 @@ from ces_data.recording import Channel, Recording
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 SAMPLING = make_sampling(500.0, 0.01)
 WIDE = Envelope((-0.1, 0.1), (-3.0, 3.0), (0.0, 2.0))

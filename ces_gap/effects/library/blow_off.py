@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, TwinRun, magnitude
 from ces_gap.trace import Trace
 
 OPENS_AT = (0.97, 0.9, 0.75, 0.55)  # shares of the largest simulated force at which searches begin

@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter, stiffness
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, TwinRun, stiffness
 from ces_gap.effects.library.backlash import change_by_joint
-from ces_gap.effects.network import TwinRun
 from ces_gap.trace import Trace, TraceInputs
 
 STARVED_AT, LOW_FLOOR = (0.3, 0.08, 0.02), 0.2  # shares of area and of pressure at which searches begin

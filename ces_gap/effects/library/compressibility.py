@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, TwinRun, magnitude
 from ces_gap.grid import rms
 
 MIN_OWN_M_N = 1e-9  # [m/N] compliance that every chamber has at least
@@ -36,7 +35,7 @@ class SofterOil(Compressibility):
         return run.with_body(compression_m_N=softer * own[0], rebound_m_N=softer * own[1])
 
 
-class Column(Compressibility):
+class OilColumn(Compressibility):
     """A column of oil in series with the damper, whose compliance c (1 + x / L) grows with its length.
 
     L is the length at position zero, of a monotube's rod side 0.1 to 0.3 m. A mount is as soft at any stroke.

@@ -10,10 +10,9 @@ import numpy as np
 from numba import njit
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, TwinRun, magnitude
 from ces_gap.trace import Trace, TraceInputs
-from ces_observer.structures.physical import FrictionElement
+from ces_observer.structures.hydraulic import FrictionElement
 
 MIN_COULOMB_N = 1e-6  # [N] of a seal without friction
 STRIBECK_M_S = 0.02  # [m/s] if it is not a parameter: typical strokes pass it within milliseconds

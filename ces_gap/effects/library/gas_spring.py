@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, TwinRun, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 POLYTROPIC = 1.3  # exponent of nitrogen at stroke frequencies, between isothermal 1 and adiabatic 1.4

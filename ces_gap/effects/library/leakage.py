@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import FLUID, Effect, magnitude
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import FLUID, Effect, TwinRun, magnitude
 
 HOLE_NODES = 12  # of the curve of a hole, in each direction
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ces_gap.effects.effect import MOTION, Effect, stiffness
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import MOTION, Effect, TwinRun, stiffness
 
 
 class MountCompliance(Effect):

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, TwinRun, magnitude
 from ces_gap.trace import Trace, TraceInputs
 from ces_observer.tick.pressures import WARMING_S
 

@@ -11,8 +11,7 @@ from numba import njit
 from scipy.ndimage import shift
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import VALVE, Effect, magnitude
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import VALVE, Effect, TwinRun, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 LONGEST_S = 0.3  # [s] a slower valve is defective

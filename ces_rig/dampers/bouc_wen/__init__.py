@@ -6,8 +6,17 @@ from collections.abc import Mapping
 
 from ces_rig.dampers.bouc_wen import kernel
 from ces_rig.dampers.bouc_wen.kernel import BoucWen
-from ces_rig.dampers.effects import Change, Proportions, add_to, interpolate_log, log_spread, uniform_spread
-from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS, DamperKind
+from ces_rig.dampers.model import (
+    LUMPED_CHANGES,
+    LUMPED_SPREADS,
+    Change,
+    DamperKind,
+    Proportions,
+    add_to,
+    interpolate_log,
+    log_spread,
+    uniform_spread,
+)
 
 VARIED: Mapping[str, float] = {
     "yield_N": 0.2, "yield_N_A": 0.15, "saturation_A": 0.15, "yield_m": 0.25, "viscous_Ns_m": 0.2,

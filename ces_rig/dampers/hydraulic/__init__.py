@@ -9,10 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import exp
 
-from ces_rig.dampers.effects import Change, Proportions, add_to, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.hydraulic import kernel
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
-from ces_rig.dampers.model import DamperKind, replace_numbers
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper
+from ces_rig.dampers.model import (
+    Change,
+    DamperKind,
+    Proportions,
+    add_to,
+    interpolate_log,
+    log_spread,
+    replace_numbers,
+    uniform_spread,
+)
 
 RELEASE_PA = 8.5e4  # [Pa] at which oil saturated with gas releases it
 DESIGN: Mapping[str, float] = {
@@ -158,4 +166,4 @@ CHANGES: Mapping[str, Change] = {
     "sticking_check": lambda _d, s, p: {"extras.check_stick": s * p["adhesion_Pa"]},
 }  # fmt: skip
 
-KIND = DamperKind(Hydraulic(replace_numbers(Damper(), DESIGN)), VARIED, WRONG, SPREADS, CHANGES, kernel)
+KIND = DamperKind(HydraulicDamper(replace_numbers(Damper(), DESIGN)), VARIED, WRONG, SPREADS, CHANGES, kernel)

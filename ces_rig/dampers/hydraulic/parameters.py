@@ -17,7 +17,7 @@ from ces_data.arrays import F
 from ces_data.config_file import read_yaml_mapping
 from ces_observer.records import quantity, read_record, walk_record
 from ces_rig.dampers.hydraulic.kernel import Numbers
-from ces_rig.dampers.model import DamperModel, replace_numbers
+from ces_rig.dampers.model import RigDamper, replace_numbers
 from ces_rig.errors import RigError
 
 
@@ -237,7 +237,7 @@ AIR = Numbers._fields.index("air")
 
 
 @dataclass(frozen=True)
-class Hydraulic(DamperModel):
+class HydraulicDamper(RigDamper):
     """The damper, with `extras` (coefficients without a parameter) and the growth of its air content per joule."""
 
     kind: ClassVar[str] = "hydraulic"
@@ -266,12 +266,12 @@ class Hydraulic(DamperModel):
         """Return the kernel's numbers."""
         return coefficients(self.damper)._replace(**self.extras)
 
-    def with_numbers(self, numbers: Mapping[str, float]) -> Hydraulic:
+    def with_numbers(self, numbers: Mapping[str, float]) -> HydraulicDamper:
         """Return the damper with other numbers: by path, `extras.name`, or `foaming_1_J`."""
         extras = {k.removeprefix("extras."): v for k, v in numbers.items() if k.startswith("extras.")}
         paths = {k: v for k, v in numbers.items() if k in PATHS}
         foaming = numbers.get("foaming_1_J", self.foaming_1_J)
-        return Hydraulic(replace_numbers(self.damper, paths), {**self.extras, **extras}, foaming)
+        return HydraulicDamper(replace_numbers(self.damper, paths), {**self.extras, **extras}, foaming)
 
     def check_input(self, stroke_m: F, current_A: F) -> None:
         """Raise RigError for unequal lengths, for values that are not finite or a stroke beyond the damper's ends."""

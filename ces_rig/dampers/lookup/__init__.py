@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ces_rig.dampers.effects import Change, Proportions, add_to, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.lookup import kernel
 from ces_rig.dampers.lookup.kernel import Lookup
-from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS, DamperKind
+from ces_rig.dampers.model import (
+    LUMPED_CHANGES,
+    LUMPED_SPREADS,
+    Change,
+    DamperKind,
+    Proportions,
+    add_to,
+    interpolate_log,
+    log_spread,
+    uniform_spread,
+)
 
 VARIED: Mapping[str, float] = {
     "compression": 0.15, "rebound": 0.15, "authority": 0.08, "speed_m_s": 0.15, "rise_s": 0.2, "fall_s": 0.2,

@@ -25,7 +25,7 @@ from ces_rig import drive as dk
 from ces_rig.dampers.bouc_wen.kernel import gas, rest_force, slack, stop
 from ces_rig.dampers.model import LumpedDamper
 from ces_rig.errors import RigError
-from ces_rig.limits import TableLimits
+from ces_rig.limits import MapLimits
 
 SPEEDS = (-1.0, -0.5, -0.2, -0.06, 0.0, 0.06, 0.2, 0.5, 1.0)  # columns of the table, over `speed_m_s`
 LEVELS = 4  # rows: currents from `low_A` to `high_A` at equal distances
@@ -102,7 +102,7 @@ def learn_lookup(recording: Recording) -> Lookup:
     """Return the damper; raises RigError if the force of the recording does not follow its speed and current."""
     speed, force, current = _read_signals(recording)
     low, high = (float(value) for value in np.percentile(current, [1.0, 99.0]))
-    if high - low < TableLimits.MIN_CURRENTS_A:
+    if high - low < MapLimits.MIN_CURRENTS_A:
         raise RigError(f"{recording.name}: currents from {low:.3g} to {high:.3g} A; expected several, to learn a map")
     largest = float(np.percentile(np.abs(speed), 99.5))
     rate, best = np.gradient(force, GRID_S), (np.inf, 0.0, 0.0, np.zeros(0))
@@ -113,10 +113,10 @@ def learn_lookup(recording: Recording) -> Lookup:
         table, left = _fit_table((speed - rate / stiffness) / largest, share, force)
         best = min(best, (left, lag, stiffness, table), key=lambda one: one[0])
     left, lag, stiffness, table = best
-    if left > 1.0 - TableLimits.MIN_EXPLAINED:
+    if left > 1.0 - MapLimits.MIN_EXPLAINED:
         raise RigError(
             f"{recording.name}: speed and current explain {max(1.0 - left, 0.0):.0%} of its force; expected at least "
-            f"{TableLimits.MIN_EXPLAINED:.0%}; check signs and delays"
+            f"{MapLimits.MIN_EXPLAINED:.0%}; check signs and delays"
         )
     rising = _rise(table, largest)
     return replace(

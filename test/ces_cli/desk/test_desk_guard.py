@@ -12,8 +12,7 @@ from typing import Any
 from flask.testing import FlaskClient
 from served_folders import OWN, fill_folder, open_desk, write_report_page
 
-from ces_cli.desk.app import Desk
-from ces_cli.desk.guard import is_own_name
+from ces_cli.desk.app import Desk, is_own_name
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 from patience import wait_until
 from served_folders import BAGS
 
-from ces_cli.desk.traces import BLOCK, Trace, Traces
+from ces_cli.desk.traces import BLOCK, SignalTrace, Traces
 from ces_data.recording import Channel
 from ces_observer.errors import CesError
 
@@ -20,19 +20,19 @@ N = 200_000
 
 
 @pytest.fixture(scope="module")
-def trace() -> Trace:
+def trace() -> SignalTrace:
     values = np.random.default_rng(1).normal(size=N)
     values[77_777], values[150_000:160_000] = 50.0, np.nan  # a spike of one sample, and force that was not measured
     stamps = np.arange(N) * 1_000_000 + 5
     stamps[120_000:] += 30_000_000_000  # a pause
     order = np.random.default_rng(2).permutation(N)
-    return Trace.of(Channel("force", "N", stamps[order], values[order]), 5)
+    return SignalTrace.of(Channel("force", "N", stamps[order], values[order]), 5)
 
 
 @pytest.mark.parametrize("bounds", [(0.0, 230.0), (70.0, 90.0), (77.7, 77.9), (100.0, 160.0), (-50.0, 20.0)])
 @pytest.mark.parametrize("pixels", [10, 300])
 def test_the_extremes_of_each_pixel_are_those_of_its_samples(
-    trace: Trace, bounds: tuple[float, float], pixels: int
+    trace: SignalTrace, bounds: tuple[float, float], pixels: int
 ) -> None:
     time_s, values = trace.window(bounds, pixels)
     inside = (trace.time_s >= bounds[0]) & (trace.time_s <= bounds[1])
@@ -51,7 +51,7 @@ def test_the_extremes_of_each_pixel_are_those_of_its_samples(
 
 def test_ten_million_samples_are_cut_in_milliseconds() -> None:
     stamps = np.arange(10_000_000) * 1_000_000
-    whole = Trace.of(Channel("force", "N", stamps, np.sin(stamps * 1e-9)), 0)
+    whole = SignalTrace.of(Channel("force", "N", stamps, np.sin(stamps * 1e-9)), 0)
     began = time.perf_counter()
     for start in np.linspace(0.0, 5000.0, 10):
         whole.draw((start, start + 5000.0), 3000)

@@ -21,8 +21,7 @@ from ces_observer.errors import CesError
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Envelope, Model, load_model
 from ces_observer.signals import Signals
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 DEFAULT = Signals.from_mapping({}, "defaults")
 SIM = "diagnosed_damper:force"

@@ -12,8 +12,7 @@ from samplings import make_sampling
 
 from ces_cli.main import main
 from ces_observer.model import Envelope, Model, load_model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 SPEED = Factor("speed", 0)
 FIRST = Factor("force", 1)
@@ -120,7 +119,7 @@ def test_an_fmu_by_its_suffix(tmp_path, capsys):
 
 
 def test_an_fmu_without_a_compiler_needs_an_option(tmp_path, capsys, monkeypatch):
-    words = (model_file(tmp_path / "m.json"), "--format", "fmu", "--out", tmp_path / "m.fmu")
+    words = (model_file(tmp_path / "m.json"), "--out", tmp_path / "m.fmu")
     monkeypatch.setenv("CC", "no-such-compiler")
     problem = "CC=no-such-compiler is not found; install one (sudo apt install gcc), or give --sources-only"
     assert problem in error_line(capsys, *words)

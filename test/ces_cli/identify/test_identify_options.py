@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ces_cli.identify.program import make_parser, share_time
+from ces_cli.identify.program import share_time
 from ces_cli.identify.request import EXIT_WHEN_DONE, PARAMETERS, IdentifyProgramRequest, find_given_parameters
 from ces_cli.identify.worker import as_command
+from ces_cli.terminal import terminal
 from ces_cli.terminal.heartbeat import Heartbeat
 from ces_observer.errors import CesError, OptionName
 from ces_observer.options import NO_WORDS
@@ -21,14 +22,14 @@ CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
 LEFT_OUT = frozenset({"campaign", "jobs", "folds", "show_candidates", "help", "json", "part", "title", "note"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
-ACTIONS = {action.dest: action for action in make_parser()._actions}
+ACTIONS = {action.dest: action for action in terminal.parser(IdentifyProgramRequest)._actions}
 
 
 def request(**values):
     """Return the request of parameters, which the program makes of the same as a command line, too."""
     given = find_given_parameters({**DEFAULTS, "bags": ["one"], **values})
     made = IdentifyProgramRequest.of(given, given)
-    assert make_parser().read(shlex.split(as_command(given))[2:]) == made
+    assert terminal.read(IdentifyProgramRequest, shlex.split(as_command(given))[2:]) == made
     return made
 
 

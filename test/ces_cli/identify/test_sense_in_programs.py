@@ -24,8 +24,7 @@ from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model
 from ces_observer.signals import Signals
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 pytestmark = pytest.mark.slow
 RATE = 500

@@ -14,7 +14,7 @@ from ces_data.checks.delays import (
     delay_findings,
     force_delay,
 )
-from ces_data.checks.drift import find_clock_drift, find_drift_within
+from ces_data.checks.jumps import find_clock_drift, find_drift_within
 from ces_data.checks.motion import recorded_motion
 
 

@@ -154,7 +154,7 @@ def test_a_guess_that_is_not_certain_is_refused_with_the_way_out(tmp_path, capsy
     path = write(tmp_path / "log.csv", {"t": T, "x": 1000 * X, "i": CURRENT, "F": F})
     assert run(path, "--out", tmp_path / "bag") == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "position: taken as mm, because its span of" in line
+    assert "position: perhaps mm, because its span of" in line
     assert f"'ces import {path} --propose > my.yaml' writes a mapping to correct" in line
     assert not (tmp_path / "bag").exists()
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +14,13 @@ from physical_examples import make_valve
 
 from bench.gaps.users_dampers import SIMULATORS, bouc_wen, filter_speed, knee, record
 from ces_data.arrays import F
+from ces_data.reading import as_recordings
 from ces_gap.calibrate.calibration import calibrate, free_parameters
 from ces_gap.errors import GapError
 from ces_gap.report.calibration import calibration_content, describe
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, RecordedSimulation
+
+DATA = Path(os.environ.get("CES_DATA", Path(__file__).parents[4] / "shared" / "data"))
 
 
 def simulation(kind: str) -> FunctionSimulation:
@@ -60,15 +65,38 @@ def test_an_effect_is_missing_beside_two_wrong_parameters() -> None:
     assert re.search(r"Inertia of (1.99|2|2.01) kg is missing beside them: with it \S+ N are left", describe(result))
 
 
-def test_only_the_named_parameters_are_fitted_and_a_bound_is_a_doubt() -> None:
-    recordings = [record("knee", {"knee_m_s": 0.104, "gas_N_m": 2990.0}, seed, seconds=6.0) for seed in (1, 2)]
-    result = calibrate(simulation("knee"), "knee", recordings, fit=["gas_N_m=1000..2000"])
-    (gas,) = result.parameters
-    assert gas.at_bound and gas.value == pytest.approx(2000.0, rel=0.01)
-    assert "gas_N_m lies at a bound or far from the default" in describe(result) == result.sentence
-    frame = pytest.importorskip("pandas") and result.to_frame().set_index("parameter")
-    assert result.values == {"gas_N_m": gas.value} == dict(frame["value"])
-    assert frame["low"]["gas_N_m"] < gas.value < frame["high"]["gas_N_m"] and frame["at_bound"]["gas_N_m"]
+def test_only_the_named_parameters_are_fitted_and_the_end_of_a_range_is_no_end_of_an_interval() -> None:
+    recordings = [record("knee", {"knee_m_s": 0.104}, seed, seconds=6.0) for seed in (1, 2)]
+    result = calibrate(simulation("knee"), "knee", recordings, fit=["knee_m_s=0.11..0.2"])
+    (knee,) = result.parameters
+    assert knee.at_bound and not knee.determined and knee.value == pytest.approx(0.11, rel=0.01)
+    frame = pytest.importorskip("pandas") and result.to_frame().set_index("parameter").loc["knee_m_s"]
+    assert result.values == {"knee_m_s": knee.value} == {"knee_m_s": frame["value"]}
+    assert frame["low"] == -np.inf and 0.11 < frame["high"] < 0.12 and frame["at_bound"] and not frame["determined"]
+    assert calibration_content(result)["parameters"]["knee_m_s"]["determined"] is False
+    assert re.search(r"at most 0.11\d +not determined, at the end of its range", repr(result))
+    text = describe(replace(result, parameters=(replace(knee, matters=True),)))
+    assert re.match(r"knee_m_s is at most 0.11\d, not 0.12. With it the gap ", text)
+    assert "knee_m_s lies at the end of the range or far from the default" in text
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")
+def test_what_measured_recordings_leave_open_within_its_range_keeps_its_default() -> None:
+    """It was said to be determined from one end of its range to the other, and to lie at its bound."""
+
+    def bingham(
+        time_s: F, position_m: F, current_A: F, *, c0: float = 500.0, c1: float = 4000.0, k: float = 200.0
+    ) -> F:
+        speed = np.gradient(position_m, time_s)
+        return np.asarray((c0 + c1 * current_A) * speed + k * np.tanh(speed / 0.01))
+
+    names = *(f"sine_10mm2Hz_{current}A.csv" for current in ("0.25", "0.50", "0.75")), "sine_5mm4Hz_0.50A.csv"
+    *real, held_out = as_recordings([DATA / "utfsm_mr" / name for name in names])
+    result = calibrate(FunctionSimulation("bingham", bingham), "bingham", real, [held_out])
+    c0, c1, k = result.parameters
+    assert (c0.value, c0.ci95, c0.at_bound) == (c0.default, (-np.inf, np.inf), False) and c1.determined and k.determined
+    assert "c0 cannot be determined: it moves with c1 and k; it is held at its default." in describe(result)
 
 
 def test_a_hydraulic_model_is_calibrated_on_a_worn_damper(worn_recordings) -> None:  # type: ignore[no-untyped-def]

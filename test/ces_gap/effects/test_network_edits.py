@@ -16,9 +16,8 @@ from ces_data.arrays import F
 from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import Plant
 from ces_gap.baseline.twin import Twin, make_run
-from ces_gap.effects.effect import Composition, Effect, Setting
+from ces_gap.effects.effect import Composition, Effect, Setting, TwinRun
 from ces_gap.effects.library import library
-from ces_gap.effects.network import TwinRun
 from ces_gap.errors import GapError
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Evidence, gather

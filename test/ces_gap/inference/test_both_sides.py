@@ -15,8 +15,7 @@ from ces_gap.augmented import load_augmented, save_augmented
 from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import Plant
 from ces_gap.baseline.twin import STEP_S, Twin
-from ces_gap.effects.effect import Composition
-from ces_gap.effects.network import TwinRun
+from ces_gap.effects.effect import Composition, TwinRun
 from ces_gap.effects.refitted import PARTS, StoredVolume
 from ces_gap.grid import rms
 from ces_gap.inference.both_sides import fit_both_sides, is_static

@@ -259,7 +259,9 @@ def test_a_composition_that_enlarges_the_gap_or_has_none_is_withdrawn(verdict: s
     before = replace(scores_of_named(), composition=replace(named().composition, gap_after_N=after_N))
     odds = Probabilities(0.0, 0.2, {"friction": 0.1, "valve_lag": 0.6, "current_hysteresis": 0.1})
     scores = apply_judgement(before, Judgement(verdict, odds))
-    assert scores.composition == before.nothing and all((s.augmented == s.corrected).all() for s in scores.series)
+    assert scores.composition == replace(before.nothing, probability=0.0) and all(
+        (s.augmented == s.corrected).all() for s in scores.series
+    )
     assert (scores.causes[0].effects[0], scores.causes[0].probability) == ("valve_lag", 0.6)
     kept = apply_judgement(scores_of_named(), Judgement(UNKNOWN, odds))
     assert kept.composition == replace(named().composition, probability=0.1)

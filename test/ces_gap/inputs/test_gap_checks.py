@@ -29,8 +29,7 @@ from ces_gap.trace import make_trace
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 RATE = 500.0
 T = np.arange(5000) / RATE

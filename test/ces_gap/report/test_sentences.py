@@ -22,12 +22,15 @@ from ces_gap.baseline.wrappers import InputTiming
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, find_closest
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.simulation_errors import SpeedCurve
+from ces_gap.inference.explanation import share_probabilities
 from ces_gap.inference.judgement import TIMING, Doubt, Within
 from ces_gap.inference.rare import RareDeviation
 from ces_gap.inputs.probe_result import HELD, SimulationProbe
+from ces_gap.report.formatting import join_effect_names
+from ces_gap.report.gap_json import gap_content
 from ces_gap.report.page import build_gap_steps, report_page
 from ces_gap.report.sentences import describe_rare, describe_timing, format_verdict
-from ces_gap.report.tables import cause_rows, cause_table
+from ces_gap.report.tables import cause_table
 
 RARE = RareDeviation(80.0, 20.0, "road", 12.34, 0.03, 0.031, 0.2, 0.6)
 LATE = SimulationProbe(HELD, 0.0, 1e-3, (0.0012, 0.0013), calls=5, corrected=InputTiming(0.0, 0.0012))
@@ -125,15 +128,18 @@ def test_no_sentence_contradicts_another(d: Diagnosis) -> None:
 
 @given(diagnoses())
 @settings(max_examples=300, deadline=None, derandomize=True)
-def test_percentages_sum_to_a_hundred_and_what_acts_together_has_one(d: Diagnosis) -> None:
-    rows = cause_table(d).rows
-    assert sum(row.percentage for row in rows) == 100
-    if len(d.composition.effects) > 1:
-        first, *others = cause_rows(d)
-        assert first.effect == "friction and valve lag" and first.what == "together"
-        assert [r.percent for r in others if r.effect in ("friction", "valve lag")] == ["", ""]
-        alone = [c.probability for c in d.causes if c.effects[0] in d.composition.effects]
-        assert first.probability == pytest.approx(sum(alone))
+def test_print_frame_and_file_say_the_same(d: Diagnosis) -> None:
+    causes, together = share_probabilities({c.effects[0]: c.probability for c in d.causes}, d.causes, d.composition)
+    d = replace(d, causes=causes, composition=together)
+    frame, rows = pytest.importorskip("pandas") and d.to_frame(), cause_table(d).rows
+    assert [row.effect for row in rows] == [join_effect_names(names.split(" + ")) for names in frame["effect"]]
+    assert [100.0 * row.probability for row in rows] == pytest.approx([*frame["probability_percent"]])
+    shrinks = [100.0 * row.cause.shrink if row.cause else np.nan for row in rows]
+    assert shrinks == pytest.approx([*frame["shrink_percent"]], nan_ok=True)
+    document = gap_content(d)
+    apart = [c["probability"] for c in document["causes"] if c["effect"] not in together.effects]
+    assert sum((*apart, together.probability, *document["probabilities"].values())) == pytest.approx(1.0)
+    assert {c.probability for c in causes if c.effects[0] in together.effects} <= {together.probability}
 
 
 def test_what_users_objected_to() -> None:
@@ -271,4 +277,4 @@ def test_a_model_that_knows_its_own_error_states_its_range_over_the_recordings()
 def test_a_calibration_comes_with_the_size_of_its_map() -> None:
     curve = Composition((Setting(SpeedCurve(), (10.0, 0.0, 0.0, 0.0, 20.0)),))
     text = format_text(composition=replace(named().composition, effects=("calibration",), composition=curve))
-    assert "force map is off, most at" in text and "(+30 N)" in text and "m/s" in text and "recalibrated" in text
+    assert "calibration is off, most at" in text and "(+30 N)" in text and "m/s" in text and "recalibrated" in text

@@ -9,10 +9,18 @@ from browser import find_faults
 from dyno_recordings import recording_of, sine_motion, triangle_motion
 
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import format_page, make_plots, write_characteristics
+from ces_identify.characteristics.page import (
+    MAX_ROWS,
+    choose_rows,
+    format_page,
+    make_plots,
+    missing_packages,
+    peak_table,
+    write_characteristics,
+    write_figures,
+    write_workbook,
+)
 from ces_identify.characteristics.rows import TABLES
-from ces_identify.characteristics.tables import MAX_ROWS, choose_rows, peak_table
-from ces_identify.characteristics.workbook import missing_packages, write_figures, write_workbook
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_report.shell import PageHead
 from ces_report.typesetting import format_spread
@@ -79,7 +87,7 @@ def test_figures_have_the_size_and_resolution_of_print(results, tmp_path):
 
 
 def test_without_the_packages_one_line_says_what_is_missing(results, tmp_path, monkeypatch):
-    monkeypatch.setattr("ces_identify.characteristics.workbook.find_spec", lambda name: None)
+    monkeypatch.setattr("ces_identify.characteristics.page.find_spec", lambda name: None)
     files = write_characteristics(tmp_path, results, PageHead())
     assert {file.suffix for file in files} == {".html", ".csv"}
     assert "openpyxl" in missing_packages() and "ces_observer[workbook]" in missing_packages()

@@ -16,8 +16,7 @@ from dyno_recordings import (
     valve_force,
 )
 
-from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.judge import judge
+from ces_identify.characteristics.characterise import characterise, judge
 from ces_identify.characteristics.rules import load_rules
 from ces_observer.errors import CesError
 

@@ -151,7 +151,7 @@ def test_holm_widens_intervals_of_several_pairs():
 
 
 def test_mistakes(sine):
-    with pytest.raises(CesError, match="1 models to compare; expected 2 to 40"):
+    with pytest.raises(CesError, match="models: 1 given; expected 2 to 40"):
         compare_models({"a": MODEL}, sine)
     twice = [make_compared_model("a", ModelSimulation(MODEL))] * 2
     with pytest.raises(CesError, match="two models are named 'a'"):

@@ -21,8 +21,7 @@ from ces_identify.numerics.core import compile_tick
 from ces_identify.structures import run_batch
 from ces_observer.model import Model, parse_model
 from ces_observer.structures.curves import Bypass, FlowMap
-from ces_observer.structures.hydraulic import EDGES
-from ces_observer.structures.physical import FrictionElement, SideForces
+from ces_observer.structures.hydraulic import EDGES, FrictionElement, SideForces
 from ces_observer.tick.hydraulic import hydraulic_reset, hydraulic_tick
 
 TICKS, COMPARED = 20_000, 300

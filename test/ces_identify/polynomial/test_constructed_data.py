@@ -15,8 +15,7 @@ from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, parse_model
 from ces_observer.structures.constructed_inputs import Hysteresis, make_memberships
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 SAMPLING = make_sampling(500.0, 0.01)
 STOP = Hysteresis("hysteresis", "stop", "position", 0.001)

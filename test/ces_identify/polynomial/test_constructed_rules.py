@@ -11,7 +11,7 @@ from ces_identify.polynomial.rules_file import built_in_rules, load_rules, parse
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, TriangularMembership
 from ces_observer.structures.constructed_inputs import make_memberships as hats_over
-from ces_observer.structures.terms import Factor
+from ces_observer.structures.polynomial import Factor
 
 RULES = yaml.safe_load(
     """

@@ -4,7 +4,7 @@ import numpy as np
 from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP
 
 from ces_identify.polynomial.problem import lay_out_terms, probe, signal_values
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 ALL = (STOP, PLAY, LAG, FREQUENCY, LOW, MID, HIGH, SHORT, LONG)
 SEGMENTS = np.array([[0, 700], [700, 701], [705, 2000]])

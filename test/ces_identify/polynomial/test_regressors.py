@@ -8,7 +8,7 @@ from ces_identify.polynomial.candidate_rules import MAX_CANDIDATES
 from ces_identify.polynomial.rules_file import built_in_rules, load_rules, parse_rules
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import Lag
-from ces_observer.structures.terms import Factor
+from ces_observer.structures.polynomial import Factor
 
 PUBLISHED = sorted((Path(__file__).resolve().parents[3] / "config" / "thesis").glob("*.yaml"))
 

@@ -22,7 +22,7 @@ from ces_identify.structures.polynomial import (
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_observer.model import Model
 from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, TriangularMembership
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 VALVE = Lag("valve", "current", 0.01)
 LOW = TriangularMembership("valve_low", "valve", None, 0.3, 0.9, VALVE)

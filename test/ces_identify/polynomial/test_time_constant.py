@@ -13,8 +13,7 @@ from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import Lag, TriangularMembership, make_memberships
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 SAMPLING = make_sampling(500.0, 0.01)
 NOISE_N = 5.0

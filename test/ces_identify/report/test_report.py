@@ -17,8 +17,7 @@ from ces_identify.report.page import write_report
 from ces_identify.structures.polynomial import COSTS_BY_TERMS, format_term
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate, pooled_cost
 from ces_identify.validation.residuals import residual_tests, verdicts
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 from ces_report.drawing import PlotAxis, band, line, panel
 from ces_report.plot import MAX_NAME, IntervalRow, draw_intervals
 from ces_report.shell import PageHead

@@ -10,8 +10,7 @@ from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import Model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Term
+from ces_observer.structures.polynomial import Polynomial, Term
 from ces_report.shell import PageHead
 
 

@@ -17,8 +17,7 @@ from ces_identify.simulations.simulate import sample_force, sample_run, simulate
 from ces_identify.validation.band import band_half_width
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, parse_model
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 TERMS = (
     Term(800.0, (Factor("speed", 0, 0.5),)),

@@ -15,10 +15,10 @@ from physical_examples import make_valve
 from ces_data.recording import Channel, Recording
 from ces_gap.baseline.wrappers import InputTiming, RetimedSimulation
 from ces_identify.simulations.fmu import open_fmu
-from ces_identify.simulations.parameters import Parameter
 from ces_identify.simulations.simulation import (
     FunctionSimulation,
     ModelSimulation,
+    Parameter,
     RecordedSimulation,
     function_simulation,
 )

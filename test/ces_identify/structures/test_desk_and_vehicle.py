@@ -17,8 +17,7 @@ from ces_identify.numerics import kernels
 from ces_identify.numerics.core import compile_tick
 from ces_identify.polynomial.problem import lay_out_terms
 from ces_identify.structures import run_batch
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 from ces_observer.tick.mixture import check_structure
 from ces_observer.tick.model import HELD
 from ces_observer.tick.polynomial import check_polynomial

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from planted import RATE_HZ, SAMPLING, WIDE, planted
 
-from ces_cli.identify.program import make_parser, select_identify_function
+from ces_cli.identify.program import select_identify_function
+from ces_cli.identify.request import IdentifyProgramRequest
 from ces_cli.identify.validate import print_proof
+from ces_cli.terminal import terminal
 from ces_identify import structures as offline
 from ces_identify.numerics.search import SearchResult
 from ces_identify.prepare.series import prepare
@@ -167,8 +169,8 @@ def test_the_controller_can_invert_it():
 @pytest.mark.slow
 def test_it_is_identified_by_its_name_and_reported(tmp_path):
     words = shlex.split("--structure dashpot --percent 50")
-    assert make_parser().read(["bag"]).model.structure == "polynomial"
-    identify = select_identify_function(make_parser().read(["bag", *words]).model)
+    assert terminal.read(IdentifyProgramRequest, ["bag"]).model.structure == "polynomial"
+    identify = select_identify_function(terminal.read(IdentifyProgramRequest, ["bag", *words]).model)
     found = identify([planted(model(), 1)], [planted(model(), 2)], IdentifyOptions(rate=RATE_HZ))
     assert found.model.body.viscosity == pytest.approx(400.0, rel=0.05)
     assert found.model.certificate["viscosity_Ns_m"] == found.model.body.viscosity

@@ -18,8 +18,7 @@ from ces_identify.validation.evaluate import (
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import Hysteresis
 from ces_observer.structures.mixture import Mixture, WeightedModel
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 N = 2000
 
@@ -29,7 +28,7 @@ FACTORS = tuple(Factor(signal, 0) for signal in ("position", "speed", "current")
 
 def model(position=(-1.0, 1.0), speed=(-9.0, 9.0), current=(-9.0, 9.0), factors=FACTORS):
     body = Polynomial((Term(1000.0, factors),))
-    return Model(make_sampling(outlier_m=0.02), body, Envelope(position, speed, current), (-1e6, 1e6))
+    return Model(make_sampling(outlier_m=0.02), body, Envelope(position, speed, current), (-1e3, 1e3))
 
 
 def series(scored=None):
@@ -99,6 +98,14 @@ def test_a_band_that_holds_far_too_little_is_told():
     )
     assert narrow.warnings == ["ride: the band holds 50 % of the measured forces, not the 90 % that it is meant for"]
     assert wide.warnings == []
+
+
+def test_a_large_cost_of_a_force_that_hardly_varies_says_so():
+    (run,) = evaluate(model(), [replace(series(), force=0.01 * series().force)], VALIDATION)
+    assert run.warnings[0].startswith(
+        "ride: the measured force varies by 1.41 N (standard deviation), of -1000 to 1000 N"
+    )
+    assert replace(run, cost=29.9).warnings == []
 
 
 def test_inside_and_hardly_outside_say_nothing():

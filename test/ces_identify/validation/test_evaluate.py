@@ -28,7 +28,7 @@ from ces_identify.validation.evaluate import (
     pooled_cost,
     scored_ticks,
 )
-from ces_observer.structures.terms import Term
+from ces_observer.structures.polynomial import Term
 
 
 def is_covered(seed, seconds, error_pole, slow_s=0.0):

@@ -9,7 +9,7 @@ from residual_series import coloured, evaluation, series
 
 from ces_identify.validation.evaluate import IDENTIFICATION
 from ces_identify.validation.lacks import dependences, describe, head_lines
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 TICKS = 20_000
 

@@ -17,9 +17,8 @@ from physical_models import LINEAR, NO_SIDE, PLAIN_VALVE, fitted_model
 from ces_observer.control.inverse_map import InverseMap, compute_inverse_map, current_lag_s, run_to_steady, steady_force
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Model, load_model
-from ces_observer.structures.physical import FrictionElement, yield_at_mid_stroke
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.hydraulic import FrictionElement, yield_at_mid_stroke
+from ces_observer.structures.polynomial import Factor, Polynomial, Term
 
 MODELS = Path(__file__).resolve().parents[3] / "config" / "models"
 SPEEDS = st.floats(-3.0, 3.0)

@@ -15,8 +15,8 @@ from samplings import make_sampling
 from ces_observer.model import Envelope
 from ces_observer.proof.certificate import summarize
 from ces_observer.proof.intervals import product
-from ces_observer.structures.physical import FrictionElement
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.hydraulic import FrictionElement
+from ces_observer.structures.polynomial import Factor, Term
 from ces_observer.tick.mount import SPRING_STATES
 from ces_observer.tick.pressures import PRESSURE_C, PRESSURE_R
 

@@ -21,7 +21,7 @@ from ces_observer.structures.constructed_inputs import (
     TriangularMembership,
     make_memberships,
 )
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
 PLAY = Hysteresis("slack", "play", "position", 0.002)

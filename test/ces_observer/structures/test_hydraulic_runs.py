@@ -15,8 +15,7 @@ from physical_twins import hydraulic_forces, settings
 from samplings import make_sampling
 
 from ces_observer.structures.curves import Bypass, IncreasingCurve
-from ces_observer.structures.hydraulic import EDGES
-from ces_observer.structures.physical import LONG_TICK, FrictionElement, ValvePath
+from ces_observer.structures.hydraulic import EDGES, LONG_TICK, FrictionElement, ValvePath
 from ces_observer.structures.structure import OperatingRange
 from ces_observer.tick.edges import EDGE_DROPS, EDGE_FLOWS, EDGE_SHARE
 from ces_observer.tick.hydraulic import GAS_POSITIONS, check_hydraulic

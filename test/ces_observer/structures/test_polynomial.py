@@ -17,7 +17,7 @@ from ces_observer.structures.constructed_inputs import (
     Lag,
     make_memberships,
 )
-from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.polynomial import Factor, Term
 
 ENVELOPE = Envelope((-0.05, 0.04), (-1.5, 2.0), (-0.2, 1.5))
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)

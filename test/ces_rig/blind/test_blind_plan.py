@@ -21,8 +21,7 @@ from ces_rig.blind.cases import (
     write_case,
     write_seal,
 )
-from ces_rig.blind.draw import draw_case
-from ces_rig.blind.plan import KINDS, BlindCase, Levels, is_visible, list_spare_effects, plan_sample
+from ces_rig.blind.plan import KINDS, BlindCase, Levels, draw_case, is_visible, list_spare_effects, plan_sample
 from ces_rig.dampers.stepper import KINDS as DAMPERS
 from ces_rig.errors import RigError
 from ces_rig.experiments.virtual import load_rig

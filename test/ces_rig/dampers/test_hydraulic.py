@@ -10,7 +10,7 @@ from dyno_measurements import current_step, cycle, rise_time, steady_force
 from bench.parameter_table import as_yaml, rows
 from ces_rig.dampers.hydraulic import kernel as hy
 from ces_rig.dampers.hydraulic.kernel import STEP_S
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, coefficients, load_damper, parse_damper
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper, coefficients, load_damper, parse_damper
 from ces_rig.dampers.stepper import DamperStepper, simulate, spline_speed
 from ces_rig.errors import RigError
 
@@ -76,7 +76,7 @@ def relative_rms(a, b):
 
 def test_oil_is_conserved():
     _, stroke, current = drive()
-    runs = [simulate(Hydraulic(Damper()), GRID, stroke, current, step_s=h) for h in (STEP_S, STEP_S / 2)]
+    runs = [simulate(HydraulicDamper(Damper()), GRID, stroke, current, step_s=h) for h in (STEP_S, STEP_S / 2)]
     astray = [np.ptp(mass(Damper(), run)) for run in runs]
     # about 0.3 kg/s flow to and fro; what goes astray is the integrator's error alone, so it falls with the step
     assert astray[0] < 2e-6
@@ -86,9 +86,9 @@ def test_oil_is_conserved():
 @pytest.mark.slow
 def test_order_of_convergence():
     _, stroke, current = drive(0.5)
-    reference = simulate(Hydraulic(Damper()), GRID, stroke, current, step_s=GRID / 160).force_N
+    reference = simulate(HydraulicDamper(Damper()), GRID, stroke, current, step_s=GRID / 160).force_N
     coarse, fine = (
-        relative_rms(simulate(Hydraulic(Damper()), GRID, stroke, current, step_s=GRID / n).force_N, reference)
+        relative_rms(simulate(HydraulicDamper(Damper()), GRID, stroke, current, step_s=GRID / n).force_N, reference)
         for n in (10, 20)
     )
     assert 3.5 < coarse / fine < 4.5  # second order
@@ -99,12 +99,12 @@ def test_pressures_stop_at_the_vapour_floor():
     damper = parse_damper({"reservoir": {"pressure_Pa": 1.1e5}}, "thin gas")
     time = np.arange(0, 1.0, GRID)
     stroke = 0.035 * np.clip(time / 0.2, 0, 1) ** 3 * np.sin(2 * np.pi * 10 * time)
-    run = simulate(Hydraulic(damper), GRID, stroke, np.full_like(time, 0.6))
+    run = simulate(HydraulicDamper(damper), GRID, stroke, np.full_like(time, 0.6))
     lowest = run.state("p_compression_Pa").min()
     assert hy.LOWEST_PA < lowest < 1.3 * damper.oil.vapour_pressure_Pa
     assert np.isfinite(run.force_N).all()
     assert np.ptp(mass(damper, run)) < 1e-3 * mass(damper, run)[0]
-    full = simulate(Hydraulic(Damper()), GRID, stroke, np.full_like(time, 0.6))
+    full = simulate(HydraulicDamper(Damper()), GRID, stroke, np.full_like(time, 0.6))
     assert full.state("p_compression_Pa").min() > 3e5  # the gas pressure prevents it
 
 
@@ -175,8 +175,8 @@ def signals():
 
 def test_chunks_equal_the_batch_exactly(signals):
     stroke, speed, current = signals
-    batch = simulate(Hydraulic(Damper()), TICK_S, stroke, current, speed).force_N
-    stepper = DamperStepper(Hydraulic(Damper()), TICK_S)
+    batch = simulate(HydraulicDamper(Damper()), TICK_S, stroke, current, speed).force_N
+    stepper = DamperStepper(HydraulicDamper(Damper()), TICK_S)
     chunked = [stepper.settle(stroke[0], speed[0], current[0])]
     for part in (slice(1, 2), slice(2, 3), slice(3, 250), slice(250, 600)):
         chunked.extend(stepper.advance(stroke[part], speed[part], current[part]))
@@ -185,7 +185,7 @@ def test_chunks_equal_the_batch_exactly(signals):
 
 def test_reset_brings_it_back_to_new(signals):
     stroke, speed, current = signals
-    stepper = DamperStepper(Hydraulic(Damper()), TICK_S)
+    stepper = DamperStepper(HydraulicDamper(Damper()), TICK_S)
     first = stepper.advance(stroke, speed, current)
     assert not np.array_equal(stepper.advance(stroke, speed, current), first)
     stepper.settle()
@@ -196,7 +196,7 @@ def test_the_oil_warms_by_the_work_put_in():
     damper = Damper()
     time = np.arange(0, 5, TICK_S)
     stroke = 0.018 * np.clip(time, 0, 1) ** 2 * np.sin(2 * np.pi * 4 * time)
-    run = simulate(Hydraulic(damper), TICK_S, stroke, np.full_like(time, 0.6))
+    run = simulate(HydraulicDamper(damper), TICK_S, stroke, np.full_like(time, 0.6))
     work = np.sum((run.force_N[1:] + run.force_N[:-1]) / 2 * np.diff(stroke))
     oil = run.state("oil_degC")
     lost = damper.heat.loss_W_K * np.sum(oil - damper.heat.ambient_degC) * TICK_S
@@ -217,4 +217,4 @@ def test_the_oil_warms_by_the_work_put_in():
 )
 def test_bad_input_is_refused(stroke, current, says):
     with pytest.raises(RigError, match=says):
-        simulate(Hydraulic(Damper()), TICK_S, np.array(stroke), np.array(current))
+        simulate(HydraulicDamper(Damper()), TICK_S, np.array(stroke), np.array(current))

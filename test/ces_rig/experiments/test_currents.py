@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper
 from ces_rig.dampers.stepper import simulate
 from ces_rig.experiments.virtual import FORCES_N, KINDS, Reg1, SpeedForceLoop, drive_damper, make_current
 
@@ -15,7 +15,6 @@ STROKE = 0.018 * np.sin(2 * np.pi * 2 * TIME)
 
 EXAMPLES = [
     {"kind": "constant", "current_A": 0.5},
-    {"kind": "ramp"},
     {"kind": "steps", "levels_A": [0.29, 0.5, 0.7]},
     {"kind": "prbs"},
     {"kind": "binary"},
@@ -111,7 +110,7 @@ def test_commands_stay_inside_the_range_and_make_the_run_s_force():
     run, command = drive_damper(Damper(), Reg1(), FINE_TIME, FAST_STROKE)
     assert 0.29 <= command.min() < 0.40
     assert 0.60 < command.max() <= 0.70
-    again = simulate(Hydraulic(Damper()), STEP_S, FAST_STROKE, command)
+    again = simulate(HydraulicDamper(Damper()), STEP_S, FAST_STROKE, command)
     np.testing.assert_array_equal(run.force_N, again.force_N)
 
 

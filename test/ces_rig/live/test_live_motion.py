@@ -11,8 +11,8 @@ from scipy.signal import welch
 from ces_data.waveforms.strokes import QuarterVehicle
 from ces_rig import drive as qv
 from ces_rig.dampers.bouc_wen.kernel import BoucWen
-from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
-from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.hydraulic.parameters import Damper, HydraulicDamper
+from ces_rig.dampers.model import RigDamper
 from ces_rig.dampers.stepper import DamperStepper, Mover
 from ces_rig.errors import RigError
 from ces_rig.live.motion import CLASSES, ROAD_BLOCK, Follower, LiveRoad, Vehicle
@@ -77,7 +77,7 @@ def test_the_same_whatever_the_portions():
 WEIGHT_N = (145.0 + 17.0) * 9.81
 
 
-def in_vehicle(model: DamperModel, step_s: float | None = None, vehicle: Vehicle | None = None) -> DamperStepper:
+def in_vehicle(model: RigDamper, step_s: float | None = None, vehicle: Vehicle | None = None) -> DamperStepper:
     """Return the stepper of a damper in a vehicle."""
     numbers = (vehicle or Vehicle()).numbers(0.06)
     return DamperStepper(model, INTERVAL, step_s, Mover(qv.VEHICLE, numbers))
@@ -133,7 +133,7 @@ def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
 @pytest.mark.slow
 @pytest.mark.parametrize("step_s", [1e-4, 5e-5])
 def test_finer_steps_change_little(step_s):
-    fine, rough = (ridden(in_vehicle(Hydraulic(Damper()), step), wavy(3.0), 0.5) for step in (step_s / 2, step_s))
+    fine, rough = (ridden(in_vehicle(HydraulicDamper(Damper()), step), wavy(3.0), 0.5) for step in (step_s / 2, step_s))
     for which in (qv.STROKE, qv.FORCE, qv.TYRE):
         error = np.sqrt(np.mean((rough[:, which] - fine[:, which]) ** 2))
         assert 0.0 < error < 0.01 * fine[:, which].std()
@@ -142,7 +142,7 @@ def test_finer_steps_change_little(step_s):
 @pytest.mark.slow
 def test_energy_that_the_road_puts_in_warms_the_damper():
     """What body and wheel have lost at the end is what dampers took: nothing comes from nowhere."""
-    plant = in_vehicle(Hydraulic(Damper()))
+    plant = in_vehicle(HydraulicDamper(Damper()))
     heights = wavy(6.0)
     motion = ridden(plant, heights, 0.5)
     rate = np.diff(heights, prepend=0.0) / INTERVAL

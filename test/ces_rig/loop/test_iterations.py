@@ -25,8 +25,7 @@ from ces_identify.numerics.search import SearchResult
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_rig.experiments.commands import write_commands
-from ces_rig.loop.identification import evaluate_fresh, interruptible
-from ces_rig.loop.iterate import IterateListener, Iterations, find_stop
+from ces_rig.loop.iterate import IterateListener, Iterations, evaluate_fresh, find_stop, interruptible
 from ces_rig.loop.page import write_page
 from ces_rig.loop.rigs import DROP, FolderRig
 from ces_rig.loop.store import ROWS, Iteration, keep_inputs

@@ -12,7 +12,7 @@ from iterate_examples import make_plan, sine_commands
 from ces_observer.errors import CesError
 from ces_rig.errors import RigError
 from ces_rig.experiments.commands import HeatLimits
-from ces_rig.loop.plan import TEMPLATE, parse_plan
+from ces_rig.loop.rigs import TEMPLATE, parse_plan
 
 
 def template() -> dict[str, Any]:

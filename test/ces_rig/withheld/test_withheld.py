@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from ces_data.waveforms.strokes import make_stroke
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE, WithheldEffect
+from ces_rig.dampers.model import EFFECTS, OUTSIDE, WithheldEffect
 from ces_rig.errors import RigError
 from ces_rig.experiments.virtual import load_rig
 from ces_rig.sensors import GRID_S, Sensors, measure_signals

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from ces_rig.dampers.effects import WithheldEffect
-from ces_rig.dampers.hydraulic.parameters import Hydraulic
+from ces_rig.dampers.hydraulic.parameters import HydraulicDamper
+from ces_rig.dampers.model import WithheldEffect
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S
@@ -155,9 +155,9 @@ def test_oil_boils_before_cavitation_costs_8_newtons():
         effect = scale_to_gap(plant, draw_effect("hydraulic", "cavitation", np.random.default_rng(seed)), 8.0, *inputs)
         damper = plant.with_numbers(physical_numbers(plant, effect)).damper
         below = damper.oil.vapour_pressure_Pa + 2e3
-        chamber = simulate(Hydraulic(damper), GRID_S, *inputs[1:]).state("p_compression_Pa")
+        chamber = simulate(HydraulicDamper(damper), GRID_S, *inputs[1:]).state("p_compression_Pa")
         assert np.mean(chamber < below) > 0.005
-        assert simulate(Hydraulic(plant.damper), GRID_S, *inputs[1:]).state("p_compression_Pa").min() > 5e4
+        assert simulate(HydraulicDamper(plant.damper), GRID_S, *inputs[1:]).state("p_compression_Pa").min() > 5e4
 
 
 def test_foam_builds_up_and_a_groove_has_its_place():
