@@ -195,13 +195,6 @@ class IdentifyRequest:
         own_values = {name: value for name, value in values.items() if name in own}
         return replace(base, **own_values, sizes={**base.sizes, **sizes})
 
-    @classmethod
-    def of_settings(cls, settings: IdentifyOptions) -> IdentifyRequest:
-        """Return the request that has these settings."""
-        values = {**vars(settings), **vars(settings.limits)}
-        own = {declared.name: values[declared.name] for declared in fields(cls) if declared.name in values}
-        return cls(**{**own, "time": None if settings.limits.time == inf else settings.limits.time})
-
     def options(self, base: IdentifyOptions | None = None) -> IdentifyOptions:
         """Return the settings of an identification, with what no option says as in `base`; raises CesError."""
         base = base or IdentifyOptions()

@@ -70,7 +70,7 @@ MAX_PACKAGE = {
     "ces_observer": 143.5,
     "ces_data": 115.3,
     "ces_report": 14.3,
-    "ces_identify": 194.2,
+    "ces_identify": 194.1,
     "ces_rig": 71.6,
     "ces_gap": 130.7,
     "ces_cli": 65.1,
