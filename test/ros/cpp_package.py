@@ -13,6 +13,8 @@ from node_process import NodeProcess, ros_args
 PACKAGE = "ces_observer_cpp"
 SOURCE = Path(__file__).resolve().parents[2] / PACKAGE
 FLAGS = ("-DCMAKE_CXX_FLAGS=-Werror", "-DCMAKE_C_FLAGS=-Werror")
+# What was compiled before need not be compiled again.
+CACHE = [f"-DCMAKE_{language}_COMPILER_LAUNCHER=ccache" for language in ("C", "CXX") if shutil.which("ccache")]
 PREFIXES = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if prefix]
 
 
@@ -22,6 +24,12 @@ def missing_tool() -> str:
         if not any((prefix / "share" / package).is_dir() for prefix in PREFIXES):
             return package
     return next((tool for tool in ("colcon", "cmake", "c++") if shutil.which(tool) is None), "")
+
+
+def cache_of(folder: Path) -> dict[str, str]:
+    """Return the variables with which a build in a temporary folder hits the user's cache of one in another."""
+    home = os.environ.get("CCACHE_DIR", str(Path.home() / ".cache" / "ccache"))  # XDG_CACHE_HOME is the tests' own
+    return {"CCACHE_DIR": home, "CCACHE_BASEDIR": str(folder), "CCACHE_NOHASHDIR": "1"}
 
 
 class CppPackage:
@@ -46,11 +54,9 @@ class CppPackage:
     def _build(self, workspace: Path) -> None:
         (workspace / "src").mkdir(parents=True)
         (workspace / "src" / PACKAGE).symlink_to(SOURCE)
-        words = ["colcon", "build", "--event-handlers", "console_direct+", "--cmake-args", *FLAGS]
-        if shutil.which("ccache") is not None:
-            words += [f"-DCMAKE_{language}_COMPILER_LAUNCHER=ccache" for language in ("C", "CXX")]
-            self.environment |= {"CCACHE_BASEDIR": str(workspace), "CCACHE_NOHASHDIR": "1"}
-        done = subprocess.run(words, cwd=workspace, capture_output=True, text=True, check=False, env=self.environment)
+        words = ["colcon", "build", "--event-handlers", "console_direct+", "--cmake-args", *FLAGS, *CACHE]
+        environment = self.environment | cache_of(workspace)
+        done = subprocess.run(words, cwd=workspace, capture_output=True, text=True, check=False, env=environment)
         self.log = done.stdout + done.stderr
         assert done.returncode == 0, self.log
         script = f". {workspace}/install/local_setup.sh && env -0"

@@ -85,10 +85,13 @@ class Misuser(Party):
         self._clients: dict[tuple[str, str], Any] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_diagnostics, 1000)
 
-    def attack_all(self) -> Iterator[str]:
-        """Run all attacks."""
+    def meets_nodes(self) -> None:
+        """Wait until all nodes are there, and read their parameters."""
         for name in self.nodes:
             self._read_parameters(name)
+
+    def attack_all(self) -> Iterator[str]:
+        """Run all attacks."""
         for name in self.nodes:
             yield from self._attack_services(name)
         self._attack_inputs()

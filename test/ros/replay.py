@@ -68,8 +68,8 @@ def _make_segment(begin_ns: int, chance: random.Random) -> Segment:
     samples[355] = (samples[352][0] + 1, samples[355][1])
     ticks = range(begin_ns // (10 * MS), (samples[-1][0] + 20 * MS) // (10 * MS))
     held = [(10 * k * MS, 0.5 + 0.2 * (k % 7)) for k in ticks]  # the same at the same time, on whichever side of a jump
-    held[20], held[25] = (held[20][0], nan), (held[25][0], inf)
-    return Segment(samples[:300] + samples[320:], held[:42] + held[64:])
+    held[40], held[45] = (held[40][0], nan), (held[45][0], inf)
+    return Segment(samples[:300] + samples[320:], held[:10] + held[36:])
 
 
 class Offline:
@@ -78,6 +78,7 @@ class Offline:
     def __init__(self, model: Model | None = None, current: CurrentHold | None = None) -> None:
         self._estimator = Estimator(model or plain_damper(max_gap_s=0.3))
         sampling = self._estimator.model.sampling
+        self.half_widths: dict[int, float | None] = {}  # of the bands [N] of all forces so far
         self._current = current or CurrentHold(sampling.max_current_age_s)
         self._motion = CurrentHold(sampling.max_gap_s) if sampling.motion else ConstantCurrent(0.0)
 
@@ -91,7 +92,9 @@ class Offline:
             force = estimator.step(stamp, position, self._current.at(stamp), self._motion.at(stamp))
             if force is not None:
                 found[stamp] = (estimator.position, estimator.speed, force)
+                self.half_widths[stamp] = estimator.half_width()
             found |= {one.stamp_ns: (one.position, one.speed, one.force) for one in estimator.late}
+            self.half_widths |= {one.stamp_ns: one.half_width for one in estimator.late}
         return found
 
 

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 import numpy as np
-from cpp_package import PACKAGE, CppPackage, missing_tool
+from cpp_package import CACHE, PACKAGE, CppPackage, cache_of, missing_tool
 from patience import PATIENCE_S
 from replay import MS, START_NS
 from vehicle import stroke
@@ -64,9 +64,10 @@ PARAMETERS = f"model: %s, joint: damper, position: {{scale: {SCALE}}}, current: 
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the program with the controller manager."""
     folder = tmp_path_factory.mktemp("control")
-    words = ["cmake", "-S", SOURCE, "-B", folder, "-DCMAKE_BUILD_TYPE=Release"]
+    words = ["cmake", "-S", SOURCE, "-B", folder, "-DCMAKE_BUILD_TYPE=Release", *CACHE]
     for command in (words, ["cmake", "--build", folder]):
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        environment = {**os.environ, **cache_of(folder)}
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
         assert done.returncode == 0, done.stdout + done.stderr
     return folder / "control_loop"
 

@@ -25,7 +25,7 @@ from node_process import ROOT, NodeProcess, ros_args
 from patience import PATIENCE_S
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from test_misuse import CURRENT_A, EXECUTORS, compare, damper
+from test_misuse import CURRENT_A, EXECUTORS, compare
 from vehicle import Vehicle, reliable_inputs, wait
 
 from bench.reliability.campaign import make_limits, play, start_stage
@@ -115,7 +115,8 @@ def test_defects_end_neither_the_node_nor_the_truth(
     vehicle: Vehicle, namespace: str, executor: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "model.json"
-    damper().save(path)
+    model = plain_damper(warm_up_s=0.5, max_gap_s=5.0, max_current_age_s=60.0)  # it forgets its past meanwhile
+    model.save(path)
     with failing(namespace, executor, path) as node:
         vehicle.meets_node()
         with vehicle.driving(current=None, contiguous=True):
@@ -130,4 +131,4 @@ def test_defects_end_neither_the_node_nor_the_truth(
     assert status == 0, output
     logged = {planted: len(re.findall(rf"^\w+: .*planted in {planted}", output, re.MULTILINE)) for planted in PLANTED}
     assert set(logged.values()) == {1}, logged  # each kind once, however often it happened
-    compare(vehicle)
+    compare(vehicle, model)

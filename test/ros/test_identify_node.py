@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from node_process import ROOT, NodeProcess
+from node_process import ROOT, NodeProcess, ros_args
 from party import Party
 from vehicle import Vehicle, wait
 
@@ -96,7 +96,7 @@ def test_a_model_is_identified_told_and_taken_over_by_a_running_observer(
 
 
 def test_ctrl_c_ends_the_search_with_the_best_model_so_far(listener: Listener, begin: Begin, tmp_path: Path) -> None:
-    node = begin(time=600.0, starts=10000)
+    node = begin(time=600.0, starts=300, terms=10)
     listener.hears("selection cost J")
     node.interrupt()
     status, output = node.ended()
@@ -117,16 +117,27 @@ def test_sigterm_before_there_is_a_model_leaves_none(listener: Listener, begin: 
     assert not (tmp_path / "model.json").exists()
 
 
+def test_a_mistake_that_its_process_finds_ends_it_with_one_line(begin: Begin) -> None:
+    status, output = begin(bags="[/nowhere]").ended()
+    assert status == 2
+    reason = "/nowhere: no such file or folder"
+    assert len([line for line in output.splitlines() if "[FATAL]" in line and reason in line]) == 1, output
+    assert "Traceback" not in output
+
+
 @pytest.mark.parametrize(
     ("parameter", "reason"),
     [
         ({"bags": "['']"}, "parameter 'bags' is not set"),
         ({"terms": 999}, "parameter 'terms' is 999; expected a whole number from 0 to 200"),
-        ({"bags": "[/nowhere]"}, "/nowhere: no such file or folder"),
     ],
 )
-def test_mistakes_end_it_with_one_line(begin: Begin, parameter: dict[str, object], reason: str) -> None:
-    status, output = begin(**parameter).ended()
-    assert status == 2
-    assert len([line for line in output.splitlines() if "[FATAL]" in line and reason in line]) == 1, output
-    assert "Traceback" not in output
+def test_a_wrong_parameter_is_one_fatal_line_and_status_2(
+    capfd: pytest.CaptureFixture[str], parameter: dict[str, object], reason: str
+) -> None:
+    """In this process, which is quicker."""
+    from ces_cli.identify.node import main
+
+    assert main(ros_args("/mistake", {**QUICK, **parameter})) == 2
+    output = capfd.readouterr().err
+    assert output.count("[FATAL]") == 1 and reason in output, output

@@ -9,21 +9,18 @@ from dataclasses import replace
 from math import nan
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-from bands import BAND, lower_bounds
+from bands import BAND
 from damper_models import damper_with_past, delayed_damper, plain_damper
 from node_process import NodeProcess
 from patience import wait_until
-from replay import Samples, currents, jittered_positions
+from replay import Offline, currents, jittered_positions, numbers_of
 from sensor_msgs.msg import JointState
 from vehicle import DEEP, JOINT, STAMPED_CURRENT, Vehicle, lossless_topics, stamp_of, wait
 
-from ces_data.recording import Channel, Recording
-from ces_identify.simulations.simulate import sample_run
 from ces_observer.model import Model
 
 Start = Callable[..., NodeProcess]
@@ -44,26 +41,6 @@ def saved(model: Model, folder: Path, name: str = "model") -> Path:
     return folder / f"{name}.json"
 
 
-def batch(positions: Samples, model: Model) -> tuple[dict[int, float], dict[int, float]]:
-    """Return force and lower bound [N] by the stamps of the samples that have one, of a recording's batch run."""
-    samples = [sample for sample, before in zip(positions[1:], positions, strict=False) if sample[0] > before[0]]
-    rows = [positions[0], *samples]
-    channels = {"position": rows, "current": currents(len(positions))}
-    recording = Recording(
-        "replayed",
-        {
-            name: Channel(name, "", np.array([stamp for stamp, _ in one]), np.array([value for _, value in one]))
-            for name, one in {**channels, "force": rows}.items()
-        },
-    )
-    run = sample_run(model, recording)
-    stamps = recording.channel("position").stamps_ns.tolist()
-    known = np.isfinite(run.force)
-    forces = dict(zip(np.array(stamps)[known].tolist(), run.force[known].tolist(), strict=True))
-    bounds = lower_bounds(run)[known].tolist()
-    return forces, dict(zip(forces, bounds, strict=True))
-
-
 def test_estimates_have_the_stamps_of_when_positions_were_measured(vehicle: Vehicle, start: Start) -> None:
     start(**{"position.delay": DELAY_NS * 1e-9})
     vehicle.meets_node()
@@ -72,7 +49,7 @@ def test_estimates_have_the_stamps_of_when_positions_were_measured(vehicle: Vehi
     assert set(vehicle.stamps()) <= measured
 
 
-def test_a_model_with_a_delay_gives_the_forces_of_the_batch_at_the_stamps_of_its_samples(
+def test_a_model_with_a_delay_gives_late_forces_at_the_stamps_of_its_samples(
     vehicle: Vehicle, start: Start, namespace: str, tmp_path: Path
 ) -> None:
     model = replace(delayed_damper(0.003, max_gap_s=0.3), band=BAND)
@@ -81,22 +58,19 @@ def test_a_model_with_a_delay_gives_the_forces_of_the_batch_at_the_stamps_of_its
     given = {"max_age_s": 0.0, "wait_for_current_s": 10.0, **STAMPED_CURRENT, **lossless}
     start(model=saved(model, tmp_path), **given)
     vehicle.meets_node(DELAYED)
-    positions = jittered_positions(2000)
-    for sample in currents(2000):
-        vehicle.publish_current(*sample)
-    for sample in positions:
-        vehicle.publish_position(*sample)
-    forces, lower = batch(positions, model)
-    wait(lambda: len(bands) >= len(late) >= len(forces), "all delayed estimates")
-    assert [stamp_of(message) for message in late] == list(forces) == [stamp_of(message) for message in bands]
-    assert len(forces) > 1500
-    for message, force, band, bound in zip(late, forces.values(), bands, lower.values(), strict=True):
+    positions, held, offline = jittered_positions(2000), currents(2000), Offline(model)
+    vehicle.publish_burst(positions, held, is_in_order=True)
+    expected = offline.take(positions, held)
+    wait(lambda: len(bands) >= len(late) >= len(expected), "all delayed estimates")
+    assert [(stamp_of(message), numbers_of(message)) for message in late] == list(expected.items())
+    assert [stamp_of(message) for message in bands] == list(expected)
+    assert len(expected) > 1500
+    for message, band in zip(late, bands, strict=True):
         assert (list(message.name), message.header.frame_id) == ([JOINT], "chassis")
-        assert message.effort[0] == pytest.approx(force, rel=1e-9, abs=1e-9)
-        assert band.effort[0] == pytest.approx(bound, rel=1e-9, abs=1e-9)
+        assert band.effort[0] == message.effort[0] - offline.half_widths[stamp_of(band)]
     assert not vehicle.estimates
     vehicle.hears_value("delay_s", "0.003")
-    vehicle.hears_value("delayed forces estimated", str(len(forces)))
+    vehicle.hears_value("delayed forces estimated", str(len(expected)))
 
 
 def test_the_topics_are_there_while_a_model_with_a_delay_is(

@@ -148,13 +148,21 @@ def test_the_programs_read_them_all_alike(experiment: tuple[Experiment, dict[str
         assert min(channel["count"] for channel in recording["channels"].values()) > 0.4 * 1000 * SECONDS
 
 
+@pytest.fixture(scope="module")
+def replayed(
+    experiment: tuple[Experiment, dict[str, Recorder]], model_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> dict[int, tuple[float, float, float]]:
+    published, recorders = experiment
+    return replay_offline(recorders["mcap"].path, published.namespace, model_path, tmp_path_factory.mktemp("replayed"))
+
+
 @pytest.mark.parametrize("options", [("--rate", "10"), ("--clock", "1000", "--rate", "3")])
 def test_playing_a_bag_equals_the_offline_replay(
-    experiment: tuple[Experiment, dict[str, Recorder]], options: tuple[str, ...], model_path: Path, tmp_path: Path
-) -> None:
+    experiment: tuple[Experiment, dict[str, Recorder]], replayed: dict[int, tuple[float, float, float]],
+    options: tuple[str, ...], model_path: Path,
+) -> None:  # fmt: skip
     published, recorders = experiment
-    namespace, path = published.namespace, recorders["mcap"].path
-    expected = replay_offline(path, namespace, model_path, tmp_path)
+    namespace, path, expected = published.namespace, recorders["mcap"].path, replayed
     given = {
         "model": model_path,
         "use_sim_time": "--clock" in options,

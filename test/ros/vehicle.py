@@ -145,24 +145,25 @@ class Vehicle(Party):
         current: float | None = 0.5,
         clock_offset_s: float = 0.0,
         contiguous: bool = False,
+        rate_Hz: int = RATE_HZ,
         ends: threading.Event | None = None,
     ) -> tuple[int, int]:
-        """Publish at 1 kHz for `duration_s`, a current at every fifth sample; return the first and last time [ns].
+        """Publish for `duration_s`, a current at every fifth sample; return the first and last time [ns].
 
-        The stamps are a millisecond apart, as a sensor's are. Where this computer is late by more than LATE_S, the
+        The stamps are a period apart, as a sensor's are. Where this computer is late by more than LATE_S, the
         samples until then are left out, or if they are to be `contiguous`, published late.
         """
         times: list[int] = []
         offset_ns = round(clock_offset_s * 1e9)
         start, start_ns = time.monotonic(), time.time_ns()
         self.late_s = 0.0
-        for k in range(round(duration_s * RATE_HZ)):
-            late_s = time.monotonic() - start - k / RATE_HZ
+        for k in range(round(duration_s * rate_Hz)):
+            late_s = time.monotonic() - start - k / rate_Hz
             self.late_s = max(self.late_s, late_s)
             time.sleep(max(0.0, -late_s))
             if late_s > LATE_S and not contiguous:
-                start, start_ns = start + late_s, start_ns + round(late_s * RATE_HZ) * 10**9 // RATE_HZ
-            times.append(start_ns + k * 10**9 // RATE_HZ)
+                start, start_ns = start + late_s, start_ns + round(late_s * rate_Hz) * 10**9 // rate_Hz
+            times.append(start_ns + k * 10**9 // rate_Hz)
             if current is not None and k % 5 == 0:
                 self.current.publish(Float64(data=current))
             self.driven.append(times[-1] + offset_ns)

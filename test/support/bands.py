@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ces_data.arrays import F
-from ces_identify.simulations.simulate import SampleRun
-from ces_identify.validation.band import band_half_width
 from ces_observer.model import Band
+
+if TYPE_CHECKING:
+    from ces_data.arrays import F
+    from ces_identify.simulations.simulate import SampleRun
 
 BAND = Band(
     level=0.9,
@@ -33,5 +32,9 @@ def make_band(**changes: Any) -> Band:
 
 def lower_bounds(at: SampleRun) -> F:
     """Return the lower bound [N] at the position samples (n,), NaN without a force."""
+    import numpy as np  # here, as many tests need the band alone
+
+    from ces_identify.validation.band import band_half_width
+
     assert at.model.band is not None
     return np.asarray(at.force - np.append(band_half_width(at.model.band, at.series, at.run.force), np.nan)[at.newest])
