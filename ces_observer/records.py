@@ -90,8 +90,9 @@ def write_record(record: Any, cls: type[Any] | None = None) -> dict[str, Any]:
 
 def clip_numbers(record: T) -> T:
     """Return the record with its numbers, and those of records in it, within the ranges of their fields."""
-    own: Any = record
-    return replace(own, **{name: _clip(getattr(own, name), one) for name, one in record_fields(type(own)).items()})
+    cls: Any = type(record)
+    clipped: T = cls(**{f.name: _clip(getattr(record, f.name), record_fields(cls)[f.name]) for f in fields(cls)})
+    return clipped
 
 
 def _clip(value: Any, one: Field) -> Any:
