@@ -72,10 +72,10 @@ MAX_PACKAGE = {
     "ces_report": 14.3,
     "ces_identify": 194.1,
     "ces_rig": 71.6,
-    "ces_gap": 130.6,
+    "ces_gap": 131,
     "ces_cli": 65.1,
     "bench": 72.6,
-    "test": 484,
+    "test": 484.3,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
