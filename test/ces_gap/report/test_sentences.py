@@ -160,6 +160,18 @@ def test_what_users_objected_to() -> None:
     assert "references that are free" in report_page(replace(never, correction=None))
 
 
+def test_fewer_effects_that_leave_less_are_named() -> None:
+    """Four effects left 129 N where one of them alone left 94.6 N, which only the table said."""
+    doubtful = replace(pair(), verdict=AMBIGUOUS, doubt=Doubt.NOT_CONFIRMED)
+    four = replace(doubtful, composition=replace(pair().composition, gap_after_N=20.0, without_N=(28.0, 3.0)))
+    assert format_verdict(doubtful).endswith(" to 1.2 N RMS.")
+    assert format_verdict(four).endswith(
+        " to 20 N RMS, but fewer effects leave less on held-out recordings: those without valve lag 3 N."
+    )
+    alone = replace(four, composition=replace(four.composition, without_N=()))
+    assert format_verdict(alone).endswith(": friction alone 4.5 N.")
+
+
 def test_the_terminal_shows_both_steps(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
     out = StringIO()
     monkeypatch.setattr(terminal, "out", Console(file=out, width=160))
