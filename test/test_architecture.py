@@ -75,7 +75,7 @@ MAX_PACKAGE = {
     "ces_gap": 130.6,
     "ces_cli": 65.1,
     "bench": 72.6,
-    "test": 483.8,
+    "test": 483.9,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
