@@ -23,6 +23,7 @@ from ces_data.checks.units import unit_findings
 from ces_data.findings import require_usable, warn
 from ces_data.log_formats import is_log
 from ces_data.logs import log_import
+from ces_data.logs.csv_form import find_other_unit
 from ces_data.logs.frame import FrameTable, is_frame
 from ces_data.logs.log_file import LogTable, TimedLog, open_log
 from ces_data.logs.log_import import to_recording
@@ -131,7 +132,13 @@ def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:
     if isinstance(source, str):
         source = {"column": source}
     if isinstance(source, Mapping):
-        unit = split_unit(str(source.get("column", "")))[1]
+        column = str(source.get("column", ""))
+        unit = split_unit(column)[1]
+        if signal in UNITS and not (unit or _has_unit(source)) and (other := find_other_unit(column)):
+            per = {"column": column, "scale": f"{UNITS[signal]} per {other}"}
+            raise CesError(
+                f"columns: {signal}: '{column}' is in {other}; give its scale: columns={{'{signal}': {per}}}"
+            )
         known = (
             {} if _has_unit(source) else {"unit": unit.text} if unit else _scaling(_same_column(source, found, signal))
         )

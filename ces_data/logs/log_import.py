@@ -157,7 +157,7 @@ def find_factors(signal: str, column: LogColumn, unit: str, where: str, source: 
     if column.scaled or not unit.strip():
         return column.scale, column.offset
     stated = find_unit(unit)
-    if stated is None or stated.quantity not in QUANTITIES[signal]:
+    if stated is None or stated.quantity not in QUANTITIES[signal] or stated.quantity == "voltage":
         raise MappingError(
             f"{where} is in '{unit}', which is not a unit of a {signal} [{UNITS[signal]}]; give {signal} a unit or "
             f"scale in {source}"

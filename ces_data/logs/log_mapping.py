@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_data.log_formats import LOG_FORMATS
-from ces_data.units import QUANTITIES, TABLE, find_unit
+from ces_data.units import QUANTITIES, TABLE, ask_for_amperes, find_unit
 from ces_observer.errors import CesError
 from ces_observer.fields import Field, Schema
 from ces_observer.records import OneOf, choice, in_files, part, read_record
@@ -85,12 +85,9 @@ class Scaling:
         unit, quantities = find_unit(self.unit) if self.unit else None, QUANTITIES.get(name, ())
         alone = (self.given_scale, self.given_offset) == (None, None)
         if name == "current" and unit is not None and unit.quantity == "voltage":
-            volts = f"{unit.scale:g} takes volts in its place"
-            raise MappingError(
-                f"unit is {self.unit!r}, no current; give its scale in A per {unit.text} (scale: {volts})"
-            )
+            raise MappingError(f"unit is {self.unit!r}, {ask_for_amperes(unit)}")
         if self.unit and (unit is None or unit.quantity not in quantities or not alone):
-            units = ", ".join(unit for quantity in quantities for unit in TABLE[quantity])
+            units = ", ".join(unit for quantity in quantities if quantity != "voltage" for unit in TABLE[quantity])
             raise MappingError(f"unit is {self.unit!r}; expected {units}{', without scale and offset' * (not alone)}")
 
 

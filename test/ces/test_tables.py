@@ -245,3 +245,54 @@ def test_stamps_that_are_no_nanoseconds_are_told():
     estimator.reset()
     assert estimator.step(0, 0.01, 0.5) is None and estimator.step(1_000_000, 0.01, 0.5) is None
     assert estimator.reason == "warming up"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("Spannung [V]", "its unit is V, no current; give its scale in A per V"),
+        ("voltage_V", "its unit is V, no current; give its scale in A per V"),
+        ("current [%]", "'%', which is not one of a current; give its scale"),
+        ("current [Ohm]", "'Ohm', which is not one of a current; give its scale"),
+        ("current [N]", "its unit N is not one of a current"),
+    ],
+)
+def test_another_quantity_is_no_current(name, text):
+    given = table(I_A=None, **{name: np.full(len(T), 0.5)})
+    with pytest.raises(ces.CesError, match="current: .*" + text) as found:
+        ces.Recording.from_frame(given)
+    with pytest.raises(ces.CesError, match=r"scale|expected A, mA$"):
+        ces.Recording.from_frame(given, columns={"current": name})
+    if "scale" in text:
+        assert f"columns={{'current': {{'column': '{name}', 'scale': 'A per unit'}}}}" in str(found.value)
+        recording = ces.Recording.from_frame(given, columns={"current": {"column": name, "scale": 0.5}})
+        np.testing.assert_allclose(values(recording, "current"), 0.25)
+
+
+@pytest.mark.parametrize("current", ["I_A", "current", "valve [A]"])
+def test_a_voltage_beside_a_current_is_left_out(current):
+    given = table(**{"I_A": None, "supply [V]": 12.0 + 0.1 * np.sin(T), current: np.full(len(T), 0.5)})
+    np.testing.assert_allclose(values(ces.Recording.from_frame(given), "current"), 0.5)
+
+
+def test_a_force_in_another_unit_is_not_left_out_silently():
+    with pytest.warns(UserWarning, match=r"force: 'Kraft \[m\]' is named like it, but its unit m .* it is not read"):
+        ces.Recording.from_frame(table(F_kN=None, **{"Kraft [m]": FORCE}))
+
+
+@pytest.mark.parametrize("name", ["part_3A", "axle_12A run", "test 0.3A and 0.9A"])
+def test_the_name_of_a_table_is_no_current(name):
+    with pytest.raises(ces.CesError, match=r"current: the name says [0-9. and]+ A, but no column"):
+        ces.Recording.from_frame(table(I_A=None), name=name)
+
+
+def test_the_current_of_a_files_name_is_said(tmp_path):
+    head, rows = "t_s,x_mm,F_kN,supply [V]\n", zip(T, 1e3 * X, 1e-3 * FORCE, 12.0 + 0.1 * np.sin(T), strict=True)
+    text = head + "".join(",".join(map(repr, map(float, row))) + "\n" for row in rows)
+    for name in ("run_0.5A.csv", "run_0.5A_0.9A.csv"):
+        (tmp_path / name).write_text(text)
+    with pytest.warns(UserWarning, match="current: 0.5 A, as the file's name says"):
+        recording = ces.Recording.load(tmp_path / "run_0.5A.csv")
+    np.testing.assert_allclose(values(recording, "current"), 0.5)
+    with pytest.raises(ces.CesError, match="current: its unit is V"):
+        ces.Recording.load(tmp_path / "run_0.5A_0.9A.csv")
