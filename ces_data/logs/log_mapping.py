@@ -101,6 +101,12 @@ class LogColumn(Scaling):
     key: str | int = part(key="column", low=0, form="a name, or a number from 0", meaning="its name or number")
     group: str | int | None = part(default=None, meaning="number or name of a channel group or bus")
     date: str = part(default="", check_text=_require_date, meaning='pattern of a date, such as "%d/%m/%Y %H:%M:%S.%f"')
+    delay: float = part(default=0.0, meaning="[s] taken off its stamps")
+
+    @property
+    def delay_ns(self) -> int:
+        """The same in whole nanoseconds."""
+        return round(1e9 * self.delay)
 
 
 @dataclass(frozen=True)
@@ -179,6 +185,8 @@ class DynoMapping:
                     source.check_for(name)
                 except MappingError as error:
                     raise MappingError(f"{name}: {error}") from None
+            if isinstance(source, LogColumn) and source.delay and name not in NAMES:
+                raise MappingError(f"{name}: delay is {source.delay:g}; expected it for signals only")
             if isinstance(source, LogColumn) and source.date and name != "time":
                 raise MappingError(f"{name}: date is {source.date!r}; expected it for the time only")
         return self

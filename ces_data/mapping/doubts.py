@@ -17,7 +17,7 @@ NO_TIME = "no column is named like a time and goes forward"
 NO_NUMBER = ("expected a number", "has to go)")  # ends of reasons that no mapping resolves
 NOT_READ = "; it is not read"
 WAY = "; 'ces import {} --propose > my.yaml' writes a mapping to correct, for --mapping my.yaml"
-BY_SCRIPT = " in Recording.load"
+BY_SCRIPT, BY_FRAME = " in Recording.load", " in Recording.from_frame"
 HINTS = (PASSIVE, GIVE_RATE)  # of programs, at the end of a reason
 
 

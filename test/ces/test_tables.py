@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ces
+from ces_data.reading import describe_finding
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "config/models/sample.json"
@@ -56,7 +57,7 @@ def test_all_that_is_not_found_is_one_message(tmp_path):
     path.write_text("t_s,b,c\n" + "".join(f"{t},{n % 7},{n % 5}\n" for n, t in enumerate(T)))
     why = "position and current: nothing is named like it"
     for given, where in (
-        ({"t_s": T, "b": np.arange(len(T)) % 7, "c": np.arange(len(T)) % 5}, ""),
+        ({"t_s": T, "b": np.arange(len(T)) % 7, "c": np.arange(len(T)) % 5}, " in Recording.from_frame"),
         (path, " in Recording.load"),
     ):
         with pytest.raises(ces.CesError, match=why) as error:
@@ -90,7 +91,8 @@ def test_what_was_found_is_shown():
 @pytest.mark.parametrize("named", [{}, {"position": "stroke"}, {"position": {"column": "stroke"}}], ids=str)
 def test_a_unit_that_is_a_guess_is_not_taken_for_a_named_column_either(named):
     content = table(x_mm=None, stroke=2e3 * X)
-    with pytest.raises(ces.CesError, match=r"perhaps mm, .*; say its unit: columns={'position': {'column': 'stroke', "):
+    remedy = r"perhaps mm, .*; say its unit in Recording.from_frame: columns={'position': {'column': 'stroke', "
+    with pytest.raises(ces.CesError, match=remedy):
         ces.Recording.from_frame(content, columns=named)
     said = ces.Recording.from_frame(content, columns={"position": {"column": "stroke", "unit": "mm"}})
     np.testing.assert_allclose(values(said, "position"), 2.0 * X)
@@ -296,3 +298,23 @@ def test_the_current_of_a_files_name_is_said(tmp_path):
     np.testing.assert_allclose(values(recording, "current"), 0.5)
     with pytest.raises(ces.CesError, match="current: its unit is V"):
         ces.Recording.load(tmp_path / "run_0.5A_0.9A.csv")
+
+
+def test_a_position_at_rest_is_one_by_its_name_and_unit():
+    noise = 0.001 * np.random.default_rng(1).standard_normal(len(T))
+    recording = ces.Recording.from_frame(table(x_mm=None, **{"Weg [mm]": noise}))
+    np.testing.assert_allclose(values(recording, "position"), 1e-3 * noise)
+    with pytest.raises(ces.CesError, match=r"jumps like noise .* or rests: a span of 0\.00\d+ without a unit"):
+        ces.Recording.from_frame(table(x_mm=None, Weg=noise))
+
+
+def test_a_late_force_is_corrected_by_its_delay():
+    late = table(F_kN=1e-3 * np.interp(T - 0.03, T, FORCE))
+    advice = describe_finding("force: add 0.030 to the key delay (default 0) of force in the signals file")
+    assert advice == "force: add 0.030 to the delay (in from_frame's columns={...}, default 0) of force"
+    moved = ces.Recording.from_frame(late, columns={"force": {"column": "F_kN", "delay": 0.03}})
+    stamps = {name: channel.stamps_ns for name, channel in moved.channels.items()}
+    np.testing.assert_array_equal(stamps["position"] - stamps["force"], 30_000_000)
+    assert stamps["force"][0] == 0
+    with pytest.raises(ces.CesError, match="time: delay is 1; expected it for signals only"):
+        ces.Recording.from_frame(late, columns={"time": {"column": "t_s", "delay": 1}})
