@@ -177,14 +177,15 @@ def _(calibration: Calibration) -> tuple[Sequence[str], Table[FittedParameter]]:
 def calibration_page(c: Calibration, head: PageHead) -> str:
     """Return the page as text that is both HTML and well-formed XML."""
     worst = find_largest_errors(c.held_out)
+    after = "the fitted parameters" if c.after_N < c.before_N else "the defaults, which are kept"
     page = page_template("calibration.html.j2", __package__, ("gap.css",)).render(
         head=head,
         c=c,
         sentence=describe(c),
         table=parameter_table(c),
         groups=[join_with(group) for group in c.moves_with],
-        plots=speed_force("sf", c.held_out, "the fitted parameters"),
-        time=time_plot("worst", worst, "the fitted parameters") if worst else None,
+        plots=speed_force("sf", c.held_out, after),
+        time=time_plot("worst", worst, after) if worst else None,
         worst=worst.series.trace.name if worst else "",
         facts={"Simulation": c.spec},
     )

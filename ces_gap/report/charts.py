@@ -209,7 +209,7 @@ def time_plot(ident: str, worst: LargestErrors, effects: str) -> Markup:
     trace, time = worst.series.trace, worst.series.trace.time_s
     shown = [
         ("simulation", trace.simulated_as_logged, "simulated"),
-        ("with effects", worst.series.augmented, "augmented"),
+        (f"with {effects}", worst.series.augmented, "augmented"),
     ]
     lines, gaps = [PlotLine("measured", time, trace.force)], []
     for name, force, css in shown[: 2 if effects else 1]:

@@ -17,8 +17,9 @@ from ces_data.arrays import F
 from ces_data.reading import as_recordings
 from ces_gap.calibrate.calibration import calibrate, free_parameters
 from ces_gap.errors import GapError
-from ces_gap.report.calibration import calibration_content, describe
+from ces_gap.report.calibration import calibration_content, calibration_page, describe
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, RecordedSimulation
+from ces_report.shell import PageHead
 
 DATA = Path(os.environ.get("CES_DATA", Path(__file__).parents[4] / "shared" / "data"))
 
@@ -88,6 +89,8 @@ def test_values_that_are_worse_without_the_missing_effect_are_not_handed_back() 
     assert content["parameters"]["fmr_N"]["value"] == 900.0
     assert content["missing"]["beside"]["fmr_N"]["value"] == result.missing.beside[0].value < 600.0
     assert "Value beside friction" in repr(result)
+    page = calibration_page(result, PageHead())
+    assert "with the defaults, which are kept" in page and "with the fitted parameters" not in page
 
 
 def test_only_the_named_parameters_are_fitted_and_the_end_of_a_range_is_no_end_of_an_interval() -> None:
