@@ -23,11 +23,12 @@ from ces_data.checks.units import unit_findings
 from ces_data.findings import require_usable, warn
 from ces_data.log_formats import is_log
 from ces_data.logs import log_import
+from ces_data.logs.csv_form import find_other_unit
 from ces_data.logs.frame import FrameTable, is_frame
 from ces_data.logs.log_file import LogTable, TimedLog, open_log
 from ces_data.logs.log_import import to_recording
 from ces_data.logs.log_mapping import DynoMapping, load_dyno_mapping, parse_mapping_without_force
-from ces_data.mapping.doubts import NOT_READ
+from ces_data.mapping.doubts import BY_FRAME, BY_SCRIPT, NOT_READ
 from ces_data.mapping.proposals import propose_for, propose_mapping, split_damper
 from ces_data.mapping.rating import GUESSED
 from ces_data.recording import Recording
@@ -86,7 +87,8 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
     guessed = tuple(f"{signal}: {GUESSED}" for signal in named)
     doubts = [text for text in proposal.doubts if text.partition(":")[0] not in settled or text.startswith(guessed)]
     if doubts:
-        raise RecordingError(f"{name}: ", proposal.tell(doubts))
+        where = BY_FRAME if isinstance(log, FrameTable) else BY_SCRIPT
+        raise RecordingError(f"{name}: ", proposal.tell(doubts, where=where))
     for remark in (text for text in proposal.remarks if text.partition(":")[0] not in settled):
         warn(f"{name}: {remark}")
     taken = [text for text in proposal.found if text.partition(" ")[0] not in settled]
@@ -131,7 +133,13 @@ def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:
     if isinstance(source, str):
         source = {"column": source}
     if isinstance(source, Mapping):
-        unit = split_unit(str(source.get("column", "")))[1]
+        column = str(source.get("column", ""))
+        unit = split_unit(column)[1]
+        if signal in UNITS and not (unit or _has_unit(source)) and (other := find_other_unit(column)):
+            per = {"column": column, "scale": f"{UNITS[signal]} per {other}"}
+            raise CesError(
+                f"columns: {signal}: '{column}' is in {other}; give its scale: columns={{'{signal}': {per}}}"
+            )
         known = (
             {} if _has_unit(source) else {"unit": unit.text} if unit else _scaling(_same_column(source, found, signal))
         )
@@ -186,6 +194,7 @@ def import_pyplot() -> Any:
 SIGNALS = ("position", "current", "force")
 EXPECTED = {"model": "a model or ", "simulation": "a model, a function or "}  # beside paths, by kind
 IN_FILES = {
+    "the key delay (default 0) of ": "the delay (in from_frame's columns={...}, default 0) of ",
     "set scale: -1 in the signals file of": "multiply by -1",
     "set its scale in the signals file": "scale it",
     "its scale in the signals file": "it",

@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 
 INCH_M, POUND_N, GRAVITY_M_S2 = 0.0254, 4.4482216152605, 9.80665
-QUANTITIES = {  # what each signal may be measured in; a voltage may take the place of the current
+QUANTITIES = {  # what each signal may be measured in; a voltage may take the place of the current, with a scale only
     "position": ("length",),
     "current": ("current", "voltage"),
     "force": ("force",),
@@ -29,6 +29,11 @@ class Unit:
     quantity: str
     scale: float
     offset: float = 0.0
+
+
+def ask_for_amperes(unit: Unit) -> str:
+    """Return what a voltage in the place of a current needs, for the end of a message."""
+    return f"no current; give its scale in A per {unit.text} (scale: {unit.scale:g} takes volts in its place)"
 
 
 TABLE = {  # by quantity: the factor to SI of each unit, and its further spellings

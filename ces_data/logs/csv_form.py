@@ -22,8 +22,8 @@ SAMPLE_LINES, SAMPLE_BYTES = 200, 65_536
 DELIMITERS = {"\t": "a tab", ";": "';'", "|": "'|'", ",": "','", " ": "a blank"}
 NO_UNIT = frozenset({"", "-", "--", "1", "[-]", "(-)", "%", "[]"})
 OTHERS = (  # units of columns that are no signal
-    "km bar mbar Pa hPa kPa MPa psi deg ° rad deg/s °/s rad/s rpm 1/min min-1 U/min Hz kHz Nm kNm W kW J l/min ml cc "
-    "kg # count counts lap bool mV/V µm/m ppm %RH"
+    "km bar mbar Pa hPa kPa MPa psi deg ° rad deg/s °/s rad/s rpm 1/min min-1 U/min Hz kHz Nm kNm W kW J Ohm Ω l/min "
+    "ml cc kg # count counts lap bool mV/V µm/m ppm %RH"
 )
 OTHER_UNITS = frozenset(OTHERS.split())
 UNIT_LABELS = frozenset(("unit", "units", "einheit", "einheiten", "y_unit_label", "vertical units"))  # before units

@@ -123,9 +123,12 @@ def _of_table(table: LogTable, mapping: DynoMapping, rate: float, clock: TableCl
     else:
         stamps = read_times(table, mapping.time, count, clock)
     channels = {}
+    delays_ns = {name: s.delay_ns if isinstance(s, LogColumn) else 0 for name, s in mapping.signals.items()}
+    largest_ns = max(delays_ns.values())
+    stamps = stamps + (largest_ns if clock.first_ns < largest_ns else 0)  # those of a bag are not negative
     for name, column in columns.items():
-        channel = Channel(name, UNITS[name], stamps, np.broadcast_to(column, stamps.shape))
         source = mapping.signals[name]
+        channel = Channel(name, UNITS[name], stamps - delays_ns[name], np.broadcast_to(column, stamps.shape))
         missing = table.missing(source.key) if isinstance(source, LogColumn) else None
         channels[name] = channel if missing is None else channel.select(~missing)
     return Recording(table.called or table.path.stem, channels, source=str(table.path))
@@ -140,7 +143,8 @@ def _of_series(log: TimedLog, mapping: DynoMapping, series_by_name: Mapping[str,
             series = series_by_name[name]
             where = f"{log.path}: '{series.label}'"
             scale, offset = find_factors(name, source, series.unit, where, mapping.source)
-            channel, _ = sort_late_samples(Channel(name, UNITS[name], series.stamps_ns, scale * series.values + offset))
+            moved = series.stamps_ns - source.delay_ns
+            channel, _ = sort_late_samples(Channel(name, UNITS[name], moved, scale * series.values + offset))
             _require_forward(channel.stamps_ns, log.path, partial("'{}', sample {}".format, series.label))
             channels[name] = channel
         else:
@@ -157,7 +161,7 @@ def find_factors(signal: str, column: LogColumn, unit: str, where: str, source: 
     if column.scaled or not unit.strip():
         return column.scale, column.offset
     stated = find_unit(unit)
-    if stated is None or stated.quantity not in QUANTITIES[signal]:
+    if stated is None or stated.quantity not in QUANTITIES[signal] or stated.quantity == "voltage":
         raise MappingError(
             f"{where} is in '{unit}', which is not a unit of a {signal} [{UNITS[signal]}]; give {signal} a unit or "
             f"scale in {source}"

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 
 from ces_data.config_file import packaged_text, parse_yaml_mapping, read_yaml_mapping
 from ces_data.log_formats import LOG_FORMATS
-from ces_data.units import QUANTITIES, TABLE, find_unit
+from ces_data.units import QUANTITIES, TABLE, ask_for_amperes, find_unit
 from ces_observer.errors import CesError
 from ces_observer.fields import Field, Schema
 from ces_observer.records import OneOf, choice, in_files, part, read_record
@@ -85,12 +85,9 @@ class Scaling:
         unit, quantities = find_unit(self.unit) if self.unit else None, QUANTITIES.get(name, ())
         alone = (self.given_scale, self.given_offset) == (None, None)
         if name == "current" and unit is not None and unit.quantity == "voltage":
-            volts = f"{unit.scale:g} takes volts in its place"
-            raise MappingError(
-                f"unit is {self.unit!r}, no current; give its scale in A per {unit.text} (scale: {volts})"
-            )
+            raise MappingError(f"unit is {self.unit!r}, {ask_for_amperes(unit)}")
         if self.unit and (unit is None or unit.quantity not in quantities or not alone):
-            units = ", ".join(unit for quantity in quantities for unit in TABLE[quantity])
+            units = ", ".join(unit for quantity in quantities if quantity != "voltage" for unit in TABLE[quantity])
             raise MappingError(f"unit is {self.unit!r}; expected {units}{', without scale and offset' * (not alone)}")
 
 
@@ -104,6 +101,12 @@ class LogColumn(Scaling):
     key: str | int = part(key="column", low=0, form="a name, or a number from 0", meaning="its name or number")
     group: str | int | None = part(default=None, meaning="number or name of a channel group or bus")
     date: str = part(default="", check_text=_require_date, meaning='pattern of a date, such as "%d/%m/%Y %H:%M:%S.%f"')
+    delay: float = part(default=0.0, meaning="[s] taken off its stamps")
+
+    @property
+    def delay_ns(self) -> int:
+        """The same in whole nanoseconds."""
+        return round(1e9 * self.delay)
 
 
 @dataclass(frozen=True)
@@ -182,6 +185,8 @@ class DynoMapping:
                     source.check_for(name)
                 except MappingError as error:
                     raise MappingError(f"{name}: {error}") from None
+            if isinstance(source, LogColumn) and source.delay and name not in NAMES:
+                raise MappingError(f"{name}: delay is {source.delay:g}; expected it for signals only")
             if isinstance(source, LogColumn) and source.date and name != "time":
                 raise MappingError(f"{name}: date is {source.date!r}; expected it for the time only")
         return self

@@ -27,7 +27,7 @@ from ces_data.mapping.rating import (
     rate,
     read_meaning,
 )
-from ces_data.units import IMPERIAL, Unit, find_unit
+from ces_data.units import IMPERIAL, Unit, ask_for_amperes, find_unit
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,12 @@ class Choice:
 
 @dataclass(frozen=True)
 class NotFound:
-    """A signal without a choice: why, and the candidates that come nearest."""
+    """A signal without a choice: why, the candidates that come nearest, and the label of one that may be it."""
 
     signal: str
     reason: str
     others: tuple[Rating, ...]
+    label: str = ""
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ class _Chooser:
         forces = self._forces(candidates, stroke.candidate if isinstance(stroke, Choice) else None)
         force = _pick("force", forces, self.table)
         taken = [choice.candidate for choice in (stroke, force) if isinstance(choice, Choice)]
-        current = _pick("current", self._currents(candidates, taken), self.table)
+        current = self._pick_current(candidates, taken)
         results = {"position": stroke, "current": current, "force": force}
         choices = {signal: result for signal, result in results.items() if isinstance(result, Choice)}
         missing = {signal: result for signal, result in results.items() if isinstance(result, NotFound)}
@@ -237,6 +238,14 @@ class _Chooser:
                 improved.append(_add_damping(rating, correlation, f"goes with the speed of {stroke.label}"))
         return _sort(improved)
 
+    def _pick_current(self, candidates: Sequence[Candidate], taken: Sequence[Candidate]) -> Choice | NotFound:
+        """Return the choice of the current; a voltage takes its place only where no current was recorded."""
+        plain = [c for c in candidates if c.unit is None or c.unit.quantity != "voltage"]
+        choice = _pick("current", self._currents(plain, taken), self.table)
+        if len(plain) == len(candidates) or (isinstance(choice, Choice) and ALONE not in choice.checks):
+            return choice
+        return _pick("current", self._currents(candidates, taken), self.table)
+
     def _currents(self, candidates: Sequence[Candidate], taken: Sequence[Candidate]) -> list[Rating]:
         """Return the ratings as current; one without a name counts only if it is the only one that can be."""
         ratings = [self._exclude_force(r, taken) for r in _rate_all(candidates, "current") if r.candidate not in taken]
@@ -281,15 +290,18 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
     others = tuple(r for r in ratings if not r.excluded and (r.points > 0.0 or r.against))
     if not good:
         named = (r for r in ratings if r.excluded and read_meaning(r.candidate.names).quantity == r.signal)
+        label = ""
         reason = "nothing is named like it or has its unit, and moves like it"
         reason += f"; {PASSIVE}" if signal == "current" else ""
         if signal == "position" and any(read_meaning(r.candidate.names).quantity == "acceleration" for r in ratings):
             reason = NO_STROKE
         if excluded := next(named, None):
-            reason = f"'{excluded.candidate.label}' is named like it, but {excluded.excluded}"
+            label = excluded.candidate.label
+            reason = f"'{label}' is named like it, but {excluded.excluded}"
         elif others and others[0].named:
-            reason = f"'{others[0].candidate.label}' may be it, but that is not certain: {others[0].why}"
-        return NotFound(signal, reason, others or tuple(ratings))
+            label = others[0].candidate.label
+            reason = f"'{label}' may be it, but that is not certain: {others[0].why}"
+        return NotFound(signal, reason, others or tuple(ratings), label)
     best, *others_alike = good
     equal = [r for r in others_alike if best.points - r.points < RatingLimits.SLIGHT]
     if equal and not all(table.is_same(best.candidate, r.candidate) for r in equal):
@@ -304,6 +316,8 @@ def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[st
     stated, usual = rating.candidate.unit is not None, unit is not None and unit.text in SI
     guessed = usual and not stated and not rating.candidate.kind and OR in text  # messages of ROS are in SI units
     doubts = [*checks, *([text] if unit is None or not (stated or usual) else []), *rating.against]
+    if unit is not None and unit.quantity == "voltage":
+        doubts.append(f"its unit is {unit.text}, {ask_for_amperes(unit)}")
     if contrary := rating.candidate.contrary:
         doubts.append(f"its name says {contrary}, and the file states {unit.text if unit else 'another unit'}")
     if not rating.named or ALONE in rating.reasons:

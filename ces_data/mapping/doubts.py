@@ -12,11 +12,12 @@ from ces_observer.errors import Words
 from ces_observer.signals import UNITS
 
 GIVE_RATE = "give --rate HZ"
+GIVE_SCALE = "give its scale"
 NO_TIME = "no column is named like a time and goes forward"
 NO_NUMBER = ("expected a number", "has to go)")  # ends of reasons that no mapping resolves
 NOT_READ = "; it is not read"
 WAY = "; 'ces import {} --propose > my.yaml' writes a mapping to correct, for --mapping my.yaml"
-BY_SCRIPT = " in Recording.load"
+BY_SCRIPT, BY_FRAME = " in Recording.load", " in Recording.from_frame"
 HINTS = (PASSIVE, GIVE_RATE)  # of programs, at the end of a reason
 
 
@@ -64,7 +65,9 @@ def script_remedy(found: Mapping[str, Any], names: Sequence[str], where: str, do
         own = found.get(signal)
         known = own if isinstance(own, Mapping) else {}
         column = known.get("column", "NAME")
-        if signal == "current" or (signal == "time" and NO_TIME in why):
+        if GIVE_SCALE in why:
+            sources[signal] = {"column": column, "scale": f"{UNITS[signal]} per unit"}
+        elif signal == "current" or (signal == "time" and NO_TIME in why):
             sources[signal] = column
         elif signal in UNITS:  # with the usual one of logs
             sources[signal] = {"column": column, "unit": known.get("unit", UNITS[signal].replace("m", "mm", 1))}
@@ -73,5 +76,6 @@ def script_remedy(found: Mapping[str, Any], names: Sequence[str], where: str, do
     of = f"; of {join_names(names)}" if names and "NAME" in repr(sources) else ""
     others = ["'current': 0.0 for a passive damper"] if "current" in sources else []
     others += ["'rate': 1000 [Hz] without a time"] if "time" in sources else []
-    what = "which they are" if len(sources) > 1 else "its unit" if f": {GUESSED}" in doubts[0] else "which it is"
+    own = "its scale" if GIVE_SCALE in doubts[0] else "its unit" if f": {GUESSED}" in doubts[0] else "which it is"
+    what = "which they are" if len(sources) > 1 else own
     return f"{of}; say {what}{where}: columns={sources}" + "".join(f", or {other}" for other in others)

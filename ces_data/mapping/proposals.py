@@ -213,16 +213,23 @@ class _MappingWriter:
         names = selection.names
         damper_choice = selection.dampers[damper or (names[0] if names else "")]
         self.choices = {**selection.dampers[""].choices, **damper_choice.choices}
-        self.amperes = AMPERES.search(log.path.name) if "current" not in self.choices else None
         self.absent = list(damper_choice.missing.values())
+        stated = tuple(dict.fromkeys(AMPERES.findall(log.path.name)))
+        self.amperes = (
+            stated[0] if len(stated) == 1 and not getattr(log, "called", "") and self._lacks_current() else ""
+        )
         optional = {*({"current"} if self.amperes else ()), *({"force"} - set(need))}
         unknown = [missing for missing in self.absent if missing.signal not in optional]
-        self.missing = [f"{missing.signal}: {missing.reason}" for missing in unknown]
+        hints = {"current": f"the name says {' and '.join(stated)} A, but no column: "} if stated else {}
+        self.missing = [f"{m.signal}: {hints.get(m.signal, '')}{m.reason}" for m in unknown]
         if not candidates.time_text:
             self.missing.append(f"time: {candidates.unread.get('time', f'{NO_TIME}; {GIVE_RATE}')}")
         self.doubts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
         guesses = [f"{signal}: {g}" for signal, choice in self.choices.items() for g in choice.guesses]
-        unread = [m for m in self.absent if m.signal in optional and m.signal in candidates.unread]
+        unread = [m for m in self.absent if m.signal in optional and (m.signal in candidates.unread or m.label)]
+        guesses += (
+            [f"current: {self.amperes} A, as the file's name says: no column is read as it"] if self.amperes else []
+        )
         self.remarks = (*guesses, *(f"{m.signal}: {m.reason}{NOT_READ}" for m in unread))
         self.doubts = [*(log.doubts if isinstance(log, LogTable) else ()), *self.doubts]
         if candidates.time_doubt:
@@ -235,6 +242,16 @@ class _MappingWriter:
             masks = {signal: log.missing(self._column(choice.candidate).key) for signal, choice in self.choices.items()}
         self.blanks = ", ".join(f"{mask.sum()} of {signal}" for signal, mask in masks.items() if mask is not None)
 
+    def _lacks_current(self) -> bool:
+        """Return whether no column is the current; a voltage is left out, as the name of a file says more."""
+        choice = self.choices.get("current")
+        if choice is None or choice.unit is None or choice.unit.quantity != "voltage":
+            return choice is None
+        del self.choices["current"]
+        label = choice.candidate.label
+        self.absent.append(NotFound("current", f"'{label}' may be it, but {choice.checks[-1]}", (), label))
+        return True
+
     def summary(self) -> Iterator[str]:
         """Yield what was taken for each signal, for one line on the terminal."""
         if self.found.time_text:
@@ -245,7 +262,7 @@ class _MappingWriter:
             yield f"{choice.signal} from '{choice.candidate.label}'" + (f" [{remark}]" if remark else "") + beside
         yield from self._unused_motions()
         if self.amperes:
-            yield f"current {self.amperes.group(1)} A from the file's name"
+            yield f"current {self.amperes} A from the file's name"
         if self.blanks:
             yield f"blank cells are missing samples ({self.blanks})"
 

@@ -92,6 +92,12 @@ class Candidate:
         return is_rough(self.finite)
 
     @property
+    def rests(self) -> bool:
+        """True if its unit is stated, and it moves less than any stroke does."""
+        unit, low = self.unit, RatingLimits.RANGES["position"][0]
+        return unit is not None and unit.quantity == "length" and self.span * unit.scale < low
+
+    @property
     def range_text(self) -> str:
         """Range and rate for people; a table without a time has no rate."""
         return f"{self.low:.4g} to {self.high:.4g}" + (f", {self.rate_Hz:.4g} Hz" if self.timed else "")
@@ -307,8 +313,9 @@ def _exclusion(candidate: Candidate, signal: str) -> str:
         return "only counts up: a time or a counter"
     if candidate.constant and signal in ("position", "force"):
         return f"constant at {candidate.high:g}"
-    if signal == "position" and candidate.rough:
-        return f"jumps like noise from sample to sample, at {candidate.rate_Hz:.4g} Hz; a stroke moves smoothly"
+    if signal == "position" and candidate.rough and not (candidate.rests and meaning.quantity == signal):
+        rest = f", or rests: a span of {candidate.span:.3g} without a unit cannot tell" if unit is None else ""
+        return f"jumps like noise from sample to sample, at {candidate.rate_Hz:.4g} Hz; a stroke moves smoothly{rest}"
     return ""
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -341,7 +341,8 @@ class Characteristics(PrintedResult):
         """Return a table as a DataFrame: one of TABLES, or "recordings". Raises CesError."""
         if table not in (names := [*TABLES, "recordings"]):
             raise CesError(f"{table!r}: is no table{suggest(str(table), names)}")
-        return import_pandas().DataFrame([asdict(row) for row in getattr(self, table)])
+        columns = [f.name for f in fields(TABLES.get(table, RecordingFacts))]
+        return import_pandas().DataFrame([asdict(row) for row in getattr(self, table)], columns=columns)
 
 
 TABLES: dict[str, type[Any]] = {

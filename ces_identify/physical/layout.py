@@ -70,6 +70,7 @@ HELD_WEIGHT = 300.0  # of the valve's path where the current was held: nothing i
 CHAMBER_M_N, MOUNT_M_N = 2e-7, 5e-8
 CLOSING_S = 1e-3
 LIMIT = 60.0  # of a logarithm
+MAX_STEEPER = 20.0  # the logarithm of how much steeper a piece of the setting is: 2e-9 of a rise still is one
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class Group:
     def values(self, theta: F) -> F:
         """Return the values of the group."""
         if self.name == "setting":
-            shares = np.exp(np.clip(theta, -LIMIT, LIMIT))
+            shares = np.exp(np.maximum(theta - theta.max(), -MAX_STEEPER))
             return np.append(0.0, np.cumsum(shares) / shares.sum())
         return np.exp(np.clip(theta, -LIMIT, LIMIT)) if self.unit is None else self.unit * theta
 

@@ -10,7 +10,11 @@ import pytest
 from planted_dampers import planted_model
 
 import ces
+<<<<<<< HEAD
 from ces_identify.scripting.model import as_model
+=======
+from ces_data.reading import describe_finding
+>>>>>>> fe6f169dd7d4bacce7a65ee9034ee63c7a6eaa03
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "config/models/sample.json"
@@ -58,7 +62,7 @@ def test_all_that_is_not_found_is_one_message(tmp_path):
     path.write_text("t_s,b,c\n" + "".join(f"{t},{n % 7},{n % 5}\n" for n, t in enumerate(T)))
     why = "position and current: nothing is named like it"
     for given, where in (
-        ({"t_s": T, "b": np.arange(len(T)) % 7, "c": np.arange(len(T)) % 5}, ""),
+        ({"t_s": T, "b": np.arange(len(T)) % 7, "c": np.arange(len(T)) % 5}, " in Recording.from_frame"),
         (path, " in Recording.load"),
     ):
         with pytest.raises(ces.CesError, match=why) as error:
@@ -92,7 +96,8 @@ def test_what_was_found_is_shown():
 @pytest.mark.parametrize("named", [{}, {"position": "stroke"}, {"position": {"column": "stroke"}}], ids=str)
 def test_a_unit_that_is_a_guess_is_not_taken_for_a_named_column_either(named):
     content = table(x_mm=None, stroke=2e3 * X)
-    with pytest.raises(ces.CesError, match=r"perhaps mm, .*; say its unit: columns={'position': {'column': 'stroke', "):
+    remedy = r"perhaps mm, .*; say its unit in Recording.from_frame: columns={'position': {'column': 'stroke', "
+    with pytest.raises(ces.CesError, match=remedy):
         ces.Recording.from_frame(content, columns=named)
     said = ces.Recording.from_frame(content, columns={"position": {"column": "stroke", "unit": "mm"}})
     np.testing.assert_allclose(values(said, "position"), 2.0 * X)
@@ -266,6 +271,7 @@ def test_too_few_positions_a_second_are_named_as_the_cause(model, road, rate_Hz,
     assert estimator.reason == "warming up"
 
 
+<<<<<<< HEAD
 def test_the_door_warns_of_what_the_error_depends_on_with_its_own_words(model, monkeypatch):
     lines = ["The error depends on the speed: try --structure auto, or more --starts."]
     monkeypatch.setattr("ces_identify.scripting.model.head_lines", lambda own, evaluations: lines * len(evaluations))
@@ -289,3 +295,74 @@ def test_a_model_without_a_past_force_says_so_and_why_its_quantities_have_no_int
         damper.predict(road, 5)
     with pytest.warns(UserWarning, match="no 95 % intervals of the quantities: .* no time for them: give more time"):
         damper.to_frame()
+=======
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("Spannung [V]", "its unit is V, no current; give its scale in A per V"),
+        ("voltage_V", "its unit is V, no current; give its scale in A per V"),
+        ("current [%]", "'%', which is not one of a current; give its scale"),
+        ("current [Ohm]", "'Ohm', which is not one of a current; give its scale"),
+        ("current [N]", "its unit N is not one of a current"),
+    ],
+)
+def test_another_quantity_is_no_current(name, text):
+    given = table(I_A=None, **{name: np.full(len(T), 0.5)})
+    with pytest.raises(ces.CesError, match="current: .*" + text) as found:
+        ces.Recording.from_frame(given)
+    with pytest.raises(ces.CesError, match=r"scale|expected A, mA$"):
+        ces.Recording.from_frame(given, columns={"current": name})
+    if "scale" in text:
+        assert f"columns={{'current': {{'column': '{name}', 'scale': 'A per unit'}}}}" in str(found.value)
+        recording = ces.Recording.from_frame(given, columns={"current": {"column": name, "scale": 0.5}})
+        np.testing.assert_allclose(values(recording, "current"), 0.25)
+
+
+@pytest.mark.parametrize("current", ["I_A", "current", "valve [A]"])
+def test_a_voltage_beside_a_current_is_left_out(current):
+    given = table(**{"I_A": None, "supply [V]": 12.0 + 0.1 * np.sin(T), current: np.full(len(T), 0.5)})
+    np.testing.assert_allclose(values(ces.Recording.from_frame(given), "current"), 0.5)
+
+
+def test_a_force_in_another_unit_is_not_left_out_silently():
+    with pytest.warns(UserWarning, match=r"force: 'Kraft \[m\]' is named like it, but its unit m .* it is not read"):
+        ces.Recording.from_frame(table(F_kN=None, **{"Kraft [m]": FORCE}))
+
+
+@pytest.mark.parametrize("name", ["part_3A", "axle_12A run", "test 0.3A and 0.9A"])
+def test_the_name_of_a_table_is_no_current(name):
+    with pytest.raises(ces.CesError, match=r"current: the name says [0-9. and]+ A, but no column"):
+        ces.Recording.from_frame(table(I_A=None), name=name)
+
+
+def test_the_current_of_a_files_name_is_said(tmp_path):
+    head, rows = "t_s,x_mm,F_kN,supply [V]\n", zip(T, 1e3 * X, 1e-3 * FORCE, 12.0 + 0.1 * np.sin(T), strict=True)
+    text = head + "".join(",".join(map(repr, map(float, row))) + "\n" for row in rows)
+    for name in ("run_0.5A.csv", "run_0.5A_0.9A.csv"):
+        (tmp_path / name).write_text(text)
+    with pytest.warns(UserWarning, match="current: 0.5 A, as the file's name says"):
+        recording = ces.Recording.load(tmp_path / "run_0.5A.csv")
+    np.testing.assert_allclose(values(recording, "current"), 0.5)
+    with pytest.raises(ces.CesError, match="current: its unit is V"):
+        ces.Recording.load(tmp_path / "run_0.5A_0.9A.csv")
+
+
+def test_a_position_at_rest_is_one_by_its_name_and_unit():
+    noise = 0.001 * np.random.default_rng(1).standard_normal(len(T))
+    recording = ces.Recording.from_frame(table(x_mm=None, **{"Weg [mm]": noise}))
+    np.testing.assert_allclose(values(recording, "position"), 1e-3 * noise)
+    with pytest.raises(ces.CesError, match=r"jumps like noise .* or rests: a span of 0\.00\d+ without a unit"):
+        ces.Recording.from_frame(table(x_mm=None, Weg=noise))
+
+
+def test_a_late_force_is_corrected_by_its_delay():
+    late = table(F_kN=1e-3 * np.interp(T - 0.03, T, FORCE))
+    advice = describe_finding("force: add 0.030 to the key delay (default 0) of force in the signals file")
+    assert advice == "force: add 0.030 to the delay (in from_frame's columns={...}, default 0) of force"
+    moved = ces.Recording.from_frame(late, columns={"force": {"column": "F_kN", "delay": 0.03}})
+    stamps = {name: channel.stamps_ns for name, channel in moved.channels.items()}
+    np.testing.assert_array_equal(stamps["position"] - stamps["force"], 30_000_000)
+    assert stamps["force"][0] == 0
+    with pytest.raises(ces.CesError, match="time: delay is 1; expected it for signals only"):
+        ces.Recording.from_frame(late, columns={"time": {"column": "t_s", "delay": 1}})
+>>>>>>> fe6f169dd7d4bacce7a65ee9034ee63c7a6eaa03
