@@ -10,11 +10,8 @@ import pytest
 from planted_dampers import planted_model
 
 import ces
-<<<<<<< HEAD
-from ces_identify.scripting.model import as_model
-=======
 from ces_data.reading import describe_finding
->>>>>>> fe6f169dd7d4bacce7a65ee9034ee63c7a6eaa03
+from ces_identify.scripting.model import as_model
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "config/models/sample.json"
@@ -271,7 +268,6 @@ def test_too_few_positions_a_second_are_named_as_the_cause(model, road, rate_Hz,
     assert estimator.reason == "warming up"
 
 
-<<<<<<< HEAD
 def test_the_door_warns_of_what_the_error_depends_on_with_its_own_words(model, monkeypatch):
     lines = ["The error depends on the speed: try --structure auto, or more --starts."]
     monkeypatch.setattr("ces_identify.scripting.model.head_lines", lambda own, evaluations: lines * len(evaluations))
@@ -295,7 +291,8 @@ def test_a_model_without_a_past_force_says_so_and_why_its_quantities_have_no_int
         damper.predict(road, 5)
     with pytest.warns(UserWarning, match="no 95 % intervals of the quantities: .* no time for them: give more time"):
         damper.to_frame()
-=======
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [
@@ -365,4 +362,3 @@ def test_a_late_force_is_corrected_by_its_delay():
     assert stamps["force"][0] == 0
     with pytest.raises(ces.CesError, match="time: delay is 1; expected it for signals only"):
         ces.Recording.from_frame(late, columns={"time": {"column": "t_s", "delay": 1}})
->>>>>>> fe6f169dd7d4bacce7a65ee9034ee63c7a6eaa03
