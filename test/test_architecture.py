@@ -68,14 +68,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 143.5,
-    "ces_data": 115.3,
+    "ces_data": 116.6,
     "ces_report": 14.3,
-    "ces_identify": 194.1,
+    "ces_identify": 194.2,
     "ces_rig": 71.6,
     "ces_gap": 130.6,
-    "ces_cli": 65.1,
+    "ces_cli": 65,
     "bench": 72.6,
-    "test": 483.8,
+    "test": 485,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
