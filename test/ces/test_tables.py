@@ -362,3 +362,37 @@ def test_a_late_force_is_corrected_by_its_delay():
     assert stamps["force"][0] == 0
     with pytest.raises(ces.CesError, match="time: delay is 1; expected it for signals only"):
         ces.Recording.from_frame(late, columns={"time": {"column": "t_s", "delay": 1}})
+
+
+def test_a_rate_beside_a_time_that_contradicts_it_is_said():
+    with pytest.warns(UserWarning, match="rate: 250 Hz takes the place of the times in 't_s', which give 500 Hz"):
+        recording = ces.Recording.from_frame(table(), columns={"rate": 250})
+    assert recording.duration_s == pytest.approx(2.0 * T[-1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ces.Recording.from_frame(table(), columns={"rate": 500})
+
+
+@pytest.mark.parametrize(
+    ("columns", "text"),
+    [
+        ({"time": 0}, r"time is 0; expected the name of a column, or \{'column': 0\} for the first"),
+        ({"rate": "1kHz"}, r"rate is '1kHz'; expected a number \[Hz\], or the name of a column"),
+    ],
+)
+def test_a_time_or_rate_of_another_form_is_named(columns, text):
+    with pytest.raises(ces.CesError, match=text):
+        ces.Recording.from_frame(table(), columns=columns)
+
+
+def test_load_reads_one_recording_and_names_the_near_one():
+    with pytest.raises(ces.CesError, match=r"\*: names 4 recordings \(.*noise.*\); expected one"):
+        ces.Recording.load(ROOT / "bags/*")
+    with pytest.raises(ces.CesError, match=r"raod: no such file or folder; did you mean '.*bags/road'"):
+        ces.Recording.load(ROOT / "bags/raod")
+    assert ces.Recording.load(ROOT / "bags/roa*").name == "road"
+
+
+def test_recordings_of_one_name_are_told_apart():
+    costs = ces.validate(MODEL, [ces.Recording.from_frame(table(x_mm=x_mm), name="run") for x_mm in (1e3 * X, 2e3 * X)])
+    assert [row.name for row in costs] == ["run", "run (2)"]
