@@ -24,7 +24,6 @@ from rich.progress import track
 
 from ces_cli.blind_case import diagnose_case
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bag
 from ces_cli.terminal.options import (
     JOBS,
     JSON,
@@ -38,6 +37,7 @@ from ces_cli.terminal.options import (
 )
 from ces_cli.terminal.outputs import print_document, without_text
 from ces_cli.terminal.progress import JobsProgress
+from ces_data.bags.find import find_bag
 from ces_data.outputs import OUT, require_folder, require_outputs
 from ces_data.signals_file import load_signals
 from ces_identify.jobs import run_in_processes

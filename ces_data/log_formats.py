@@ -9,7 +9,10 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
+
+from ces_observer.errors import LIKE
 
 LOG_FORMATS: Mapping[str, Mapping[str, str]] = {
     "csv": {".csv": "a CSV table", **dict.fromkeys((".txt", ".dat", ".tsv", ".lvm"), "a text table")},
@@ -26,6 +29,13 @@ KINDS = {suffix: what for suffixes in LOG_FORMATS.values() for suffix, what in s
 def is_foreign(path: Path) -> bool:
     """Return whether a file is by its name a log that only `ces import` reads."""
     return path.suffix.lower() in KINDS and path.is_file()
+
+
+def suggest_path(path: Path) -> str:
+    """Return what a mistyped path may have meant, as `; did you mean 'bags/road'?`, '' if nothing is like it."""
+    beside = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+    near = get_close_matches(path.name, beside, n=1, cutoff=LIKE)
+    return f"; did you mean '{path.with_name(near[0])}'?" if near else ""
 
 
 def is_log(path: Path) -> bool:

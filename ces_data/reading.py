@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from ces_data.bags.find import find_bags
 from ces_data.checks.motion import recorded_motion
 from ces_data.checks.units import unit_findings
 from ces_data.findings import require_usable, warn
+from ces_data.limits import TableLimits
 from ces_data.log_formats import is_log
 from ces_data.logs import log_import
 from ces_data.logs.csv_form import find_other_unit
@@ -29,7 +31,7 @@ from ces_data.logs.log_file import LogTable, TimedLog, open_log
 from ces_data.logs.log_import import to_recording
 from ces_data.logs.log_mapping import DynoMapping, load_dyno_mapping, parse_mapping_without_force
 from ces_data.mapping.doubts import BY_FRAME, BY_SCRIPT, NOT_READ
-from ces_data.mapping.proposals import propose_for, propose_mapping, split_damper
+from ces_data.mapping.proposals import MappingProposal, propose_for, propose_mapping, split_damper
 from ces_data.mapping.rating import GUESSED
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
@@ -75,13 +77,16 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
     reversed_keys = [key for key, value in columns.items() if key not in UNITS and key in names and str(value) in UNITS]
     if reversed_keys:
         raise CesError(f"columns: '{reversed_keys[0]}' is a column; expected signals, each with its column: {EXAMPLE}")
+    rate = columns.get("rate")
+    if isinstance(rate, str) and rate not in names:
+        raise CesError(f"columns: rate is {rate!r}; expected a number [Hz], or the name of a column")
     name = str(log.path)
     proposal = propose_for(log, need=need)
     found = yaml.safe_load(proposal.text) or {}
     given = {signal: _as_source(signal, source, found) for signal, source in columns.items()}
     content = {**found, **given}
-    if "rate" in given:
-        content.pop("time", None)
+    if "rate" in given and "time" not in given and (time := content.pop("time", None)):
+        _warn_of_rate(name, rate, time["column"], proposal)
     settled = {*given, *({"time"} if "rate" in given else ())}
     named = [s for s in given if s != "rate" and not _has_unit(columns[s]) and _same_column(given[s], found, s)]
     guessed = tuple(f"{signal}: {GUESSED}" for signal in named)
@@ -96,6 +101,14 @@ def read_columns(log: LogTable | TimedLog, columns: Mapping[str, Any], need: Seq
     taken += [text for text in proposal.remarks if text.endswith(NOT_READ)]
     recording = replace(to_recording(log, parse_mapping_without_force(content, name)), taken=", ".join(taken))
     return warn_of_signs(recording)
+
+
+def _warn_of_rate(name: str, rate: Any, column: str | int, proposal: MappingProposal) -> None:
+    """Warn of a given rate [Hz] that the times, whose place it takes, contradict."""
+    choices = [choice for damper in proposal.selection.dampers.values() for choice in damper.choices.values()]
+    rate_Hz = choices[0].candidate.rate_Hz if choices else 0.0
+    if isinstance(rate, int | float) and rate_Hz and abs(rate / rate_Hz - 1.0) > TableLimits.RATE_TOLERANCE:
+        warn(f"{name}: rate: {rate:g} Hz takes the place of the times in {column!r}, which give {rate_Hz:.4g} Hz")
 
 
 def warn_of_signs(recording: Recording) -> Recording:
@@ -130,6 +143,8 @@ def _as_source(signal: str, source: Any, found: Mapping[str, Any]) -> Any:
 
     A column without a unit has the unit in its name, or that which its numbers were `found` to speak for.
     """
+    if signal == "time" and not isinstance(source, str | Mapping):
+        raise CesError(f"columns: time is {source!r}; expected the name of a column, or {{'column': 0}} for the first")
     if isinstance(source, str):
         source = {"column": source}
     if isinstance(source, Mapping):
@@ -281,7 +296,18 @@ def as_recordings(
             raise _no_recording(called, one)
         else:
             recordings += [_read(path, signals, need) for path in find_bags([as_path(one, "recording")])]
-    return recordings
+    return _tell_apart(recordings)
+
+
+def _tell_apart(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return recordings of which later ones of one name have a number behind it."""
+    counts: Counter[str] = Counter()
+    apart = []
+    for recording in recordings:
+        counts[recording.name] += 1
+        number = counts[recording.name]
+        apart.append(replace(recording, name=f"{recording.name} ({number})") if number > 1 else recording)
+    return apart
 
 
 def _no_recording(called: str, given: object) -> CesError:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bag
 from ces_cli.terminal.options import MODEL, ONE_BAG, BagRequest, option
 from ces_cli.terminal.outputs import print_document
+from ces_data.bags.find import find_bag
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.outputs import OUT, require_outputs
 from ces_data.recording import Recording

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import HELP, find_bag, find_file, open_simulation, with_predictions
+from ces_cli.terminal.inputs import HELP, find_file, open_simulation, with_predictions
 from ces_cli.terminal.options import ONE_BAG, PART, BagRequest, option
 from ces_cli.terminal.outputs import print_document
+from ces_data.bags.find import find_bag
 from ces_data.outputs import OUT, require_outputs
 from ces_data.signals_file import load_signals
 from ces_identify.validation.checked import simulate_checked

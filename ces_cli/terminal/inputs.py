@@ -42,15 +42,6 @@ class FleetUnit:
     paths: tuple[Path, ...]
 
 
-def find_bag(word: str) -> Path:
-    """Return the one bag that the argument names; raises CesError if it names several or none."""
-    paths = find_bags([word])
-    if len(paths) > 1:
-        names = ", ".join(str(path) for path in paths[:3])
-        raise CesError(f"{word}: names {len(paths)} bags ({names}{', …' if len(paths) > 3 else ''}); expected one")
-    return paths[0]
-
-
 def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
     """Return a unit for each recording that the arguments name, or for each folder that holds some (`each`)."""
     groups: dict[Path, list[Path]] = {}

@@ -27,6 +27,17 @@ def find_bags(words: Sequence[str | Path], repeated: bool = False) -> list[Path]
     return paths if repeated else list(dict.fromkeys(paths))
 
 
+def find_bag(word: str) -> Path:
+    """Return the one bag or log that a word names; raises CesError if it names several or none."""
+    paths = find_bags([word])
+    if len(paths) > 1:
+        names = ", ".join(str(path) for path in paths[:3])
+        raise CesError(
+            f"{word}: names {len(paths)} recordings ({names}{', …' if len(paths) > 3 else ''}); expected one"
+        )
+    return paths[0]
+
+
 def _match_word(word: str) -> Iterator[Path]:
     if (folder := Path(word)).is_dir() and not is_bag(folder) and _is_cut_short(folder):
         yield folder

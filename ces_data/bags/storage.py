@@ -31,7 +31,7 @@ from ces_data.bags import foreign, mcap, sqlite
 from ces_data.bags.decode import Block, StoredTopic
 from ces_data.bags.foreign import Convert
 from ces_data.config_file import first_line
-from ces_data.log_formats import explain_import, is_foreign
+from ces_data.log_formats import explain_import, is_foreign, suggest_path
 from ces_observer.errors import RecordingError
 
 IDL_SEPARATOR = "=" * 80 + "\n"
@@ -215,7 +215,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
     one), an unfinished file is read if it has all messages. Raises RecordingError if a bag is damaged or truncated.
     """
     if not path.exists():
-        raise RecordingError(f"{path}: no such file or folder; expected a bag or a log")
+        raise RecordingError(f"{path}: no such file or folder{suggest_path(path) or '; expected a bag or a log'}")
     if is_foreign(path):
         raise RecordingError(f"{path}: {explain_import(path)}")
     with ExitStack() as opened:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ces_data.bags.storage import open_bag
 from ces_data.config_file import first_line
-from ces_data.log_formats import LOG_FORMATS
+from ces_data.log_formats import LOG_FORMATS, suggest_path
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
 from ces_observer.errors import CesError, RecordingError
@@ -181,7 +181,7 @@ def open_log(path: Path, mapping: DynoMapping, progress: Progress = lambda share
     """Open a log, text tables with `progress`; raises RecordingError if it lacks the mapping's or suffix's format."""
     refuse_bag(path)
     if not path.exists():
-        raise RecordingError(f"{path}: cannot be read: No such file or directory")
+        raise RecordingError(f"{path}: cannot be read: No such file or directory{suggest_path(path)}")
     if not path.is_file():
         raise RecordingError(f"{path}: is no regular file; expected a log on disk")
     kind = mapping.format or find_format(path)

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ces_data.limits import RatingLimits, StatisticLimits
+from ces_data.mapping.pairs import MotionTable
 from ces_data.mapping.rating import (
     OR,
     OUTWARD,
-    USUAL,
     Candidate,
-    MotionTable,
     Rating,
     find_side,
+    find_speed_unit,
     find_word,
     guess_unit,
     is_plausible,
@@ -27,7 +27,7 @@ from ces_data.mapping.rating import (
     rate,
     read_meaning,
 )
-from ces_data.units import IMPERIAL, Unit, ask_for_amperes, find_unit
+from ces_data.units import IMPERIAL, Unit, ask_for_amperes
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ class _Chooser:
             )
             if not abs(correlation) >= least:
                 continue
-            if unit := rating.candidate.unit or _unit_of_speed(abs(position.scale / gain)):
+            if unit := rating.candidate.unit or find_speed_unit(abs(position.scale / gain)):
                 with_unit = replace(rating, candidate=replace(rating.candidate, unit=unit), named=True)
                 reason = f"goes as the differentiated {position.candidate.label} ({correlation:+.2f})"
                 derived.append(with_unit.add(RatingLimits.CERTAIN, reason))
@@ -327,12 +327,6 @@ def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[st
     reasons += [text] if usual and not stated else []
     guesses = (f"no unit is stated; {text}",) if guessed else ()
     return Choice(rating.signal, rating.candidate, unit, scale, offset, tuple(reasons), tuple(doubts), others, guesses)
-
-
-def _unit_of_speed(factor: float) -> Unit | None:
-    """Return the unit of a speed with this factor to SI, None if there is none."""
-    units = filter(None, map(find_unit, USUAL["speed"]))
-    return next((unit for unit in units if abs(factor / unit.scale - 1.0) < RatingLimits.UNIT_TOLERANCE), None)
 
 
 def _doubt_systems(choices: dict[str, Choice]) -> dict[str, Choice]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 import textwrap
@@ -22,6 +21,7 @@ from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates,
 from ces_data.mapping.choice import Choice, NotFound, Selection, choose
 from ces_data.mapping.doubts import BY_SCRIPT, GIVE_RATE, NO_NUMBER, NO_TIME, NOT_READ, WAY, script_remedy, tell_doubts
 from ces_data.mapping.rating import Candidate, Rating, read_meaning
+from ces_data.mapping.yaml_text import format_number, name_yaml, on_one_line, quote, write_key
 from ces_data.recording import Recording
 from ces_observer.errors import OptionName, RecordingError, Words
 from ces_observer.signals import MOTIONS
@@ -29,7 +29,6 @@ from ces_observer.signals import MOTIONS
 WIDTH = 110
 MAX_OTHERS = 4
 CHECK = "CHECK"
-PLAIN = re.compile(r"/?[A-Za-z_][A-Za-z0-9_./]*")
 SIGNALS_HEAD = """\
 # Signals file proposed by `ces signals` from {sources}.
 # Every signal is value in SI units = scale * number + offset; position and force are positive in compression.
@@ -61,13 +60,13 @@ def propose_signals(paths: Sequence[Path]) -> SignalsProposal:
         labels = ", ".join(candidate.label for candidate in candidates[:20])
         text = f"nothing looks like position, current or force; it has {labels}"
         raise RecordingError(f"{paths[0]}: {text}; write a signals file by hand, see docs/recordings.md")
-    head = SIGNALS_HEAD.format(sources=", ".join(map(_one_line, paths)))
+    head = SIGNALS_HEAD.format(sources=", ".join(map(on_one_line, paths)))
     return SignalsProposal(selection, head + "\n".join(_signals_lines(selection)) + "\n", skipped)
 
 
 def _signals_lines(selection: Selection) -> Iterator[str]:
     def describe(c: Candidate) -> str:
-        return f"topic: {_name_yaml(c.topic)}, type: {_name_yaml(c.kind)}, field: {_quote(c.field)}"
+        return f"topic: {name_yaml(c.topic)}, type: {name_yaml(c.kind)}, field: {quote(c.field)}"
 
     if selection.checks:
         yield from _comment(f"Lines with {CHECK} are to be confirmed before the file is used.")
@@ -85,13 +84,13 @@ def _signals_lines(selection: Selection) -> Iterator[str]:
             c, remark = choice.candidate, describe_scale(choice)
             yield from _explain(choice, indent)
             if choice.signal == "speed":  # a model that needs it is the user's decision
-                yield f"{indent}# speed: {{{describe(c)}, scale: {_format_number(choice.scale)}}}"
+                yield f"{indent}# speed: {{{describe(c)}, scale: {format_number(choice.scale)}}}"
                 continue
             yield f"{indent}{choice.signal}:"
             for key, text in (("topic", c.topic), ("type", c.kind), ("field", c.field)):
-                yield f"{indent}  {key}: {_name_yaml(text)}"
-            yield f"{indent}  scale: {_format_number(choice.scale)}" + (f"  # {remark}" if remark else "")
-            yield f"{indent}  offset: {_format_number(choice.offset)}"
+                yield f"{indent}  {key}: {name_yaml(text)}"
+            yield f"{indent}  scale: {format_number(choice.scale)}" + (f"  # {remark}" if remark else "")
+            yield f"{indent}  offset: {format_number(choice.offset)}"
         for missing in damper.missing.values():
             yield from _explain_missing(missing, describe, "; or the value that was set", indent)
 
@@ -280,9 +279,9 @@ class _MappingWriter:
         """Yield the lines of the file."""
 
         def describe(c: Candidate) -> str:
-            return f"column: {_key_text(self._column(c).key)}"
+            return f"column: {write_key(self._column(c).key)}"
 
-        yield from MAPPING_HEAD.format(name=_one_line(self.name)).splitlines()
+        yield from MAPPING_HEAD.format(name=on_one_line(self.name)).splitlines()
         if any(choice.to_check for choice in self.choices.values()):
             yield from _comment(f"Lines with {CHECK} are to be confirmed before the file is used.")
         own = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
@@ -302,29 +301,29 @@ class _MappingWriter:
 
     def _layout(self) -> Iterator[str]:
         if isinstance(self.log, LogTable) and self.log.rows:
-            yield f"rows: {_quote(self.log.rows)}"
+            yield f"rows: {quote(self.log.rows)}"
         if isinstance(self.log, CsvTable):
             dialect = self.log.dialect
             if dialect.delimiter != ",":
-                yield f"delimiter: {_quote(dialect.delimiter)}"
+                yield f"delimiter: {quote(dialect.delimiter)}"
             if dialect.decimal != ".":
-                yield f"decimal: {_quote(dialect.decimal)}"
+                yield f"decimal: {quote(dialect.decimal)}"
         if self.blanks:
             yield f"blank: missing  # blank cells ({self.blanks}) are samples that were not taken"
         if self.dbc:
-            yield f"dbc: [{', '.join(_quote(str(path.resolve())) for path in self.dbc)}]"
+            yield f"dbc: [{', '.join(quote(str(path.resolve())) for path in self.dbc)}]"
 
     def _time(self) -> Iterator[str]:
         time, rate = self.found.time, self.found.rate
         if time is not None:
             unit = f", unit: {time.unit}" if time.unit else ""
             if time.offset:
-                unit = f", scale: {_format_number(time.scale)}, offset: {_format_number(time.offset)}"
-            yield f"time: {{column: {_key_text(time.key)}{unit}}}"
+                unit = f", scale: {format_number(time.scale)}, offset: {format_number(time.offset)}"
+            yield f"time: {{column: {write_key(time.key)}{unit}}}"
         elif isinstance(rate, LogColumn):
-            yield f"rate: {{column: {_key_text(rate.key)}}}"
+            yield f"rate: {{column: {write_key(rate.key)}}}"
         elif rate is not None:
-            yield f"rate: {_format_number(rate)}"
+            yield f"rate: {format_number(rate)}"
         elif not self.found.time_text:
             yield from _comment(f"not found: time: {self.found.unread.get('time', 'give its column, or the rate')}")
             yield "# time: {column: NAME}"
@@ -332,15 +331,15 @@ class _MappingWriter:
 
     def _signal(self, choice: Choice) -> str:
         column, unit, remark = self._column(choice.candidate), choice.unit, ""
-        parts = [f"column: {_key_text(column.key)}"]
+        parts = [f"column: {write_key(column.key)}"]
         if column.group is not None:
-            parts.append(f"group: {_key_text(column.group)}")
+            parts.append(f"group: {write_key(column.group)}")
         if unit is not None and choice.scale == unit.scale and unit.quantity != "voltage":
             plain = unit.text.isalpha() and unit.text not in ("N", "n", "y", "Y")  # truth values in YAML 1.1
-            parts.append(f"unit: {unit.text if plain else _quote(unit.text)}")
+            parts.append(f"unit: {unit.text if plain else quote(unit.text)}")
         else:
-            parts.append(f"scale: {_format_number(choice.scale)}")
-            parts += [f"offset: {_format_number(choice.offset)}"] if choice.offset else []
+            parts.append(f"scale: {format_number(choice.scale)}")
+            parts += [f"offset: {format_number(choice.offset)}"] if choice.offset else []
             remark = f"  # {describe_scale(choice) or (unit.text if unit else 'SI')}"
         return f"{choice.signal}: {{{', '.join(parts)}}}{remark}"
 
@@ -388,29 +387,3 @@ def _comment(text: str, indent: str = "") -> Iterator[str]:
     """Yield a text as comment lines."""
     lines = textwrap.wrap(text, WIDTH - len(indent) - 2, break_long_words=False, break_on_hyphens=False)
     yield from (f"{indent}# {line if i == 0 else '  ' + line}" for i, line in enumerate(lines))
-
-
-def _one_line(text: object) -> str:
-    """Return a text for a comment that is not wrapped, in which a control character is written as Python does."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
-
-
-def _quote(text: str) -> str:
-    """Return a text as a double-quoted YAML scalar."""
-    return json.dumps(text, ensure_ascii=False)
-
-
-def _name_yaml(text: str) -> str:
-    """Return a topic, type or field as a YAML scalar, quoted only if it holds more than letters, digits and /_."""
-    return text if PLAIN.fullmatch(text) else _quote(text)
-
-
-def _key_text(key: str | int) -> str:
-    return str(key) if isinstance(key, int) else _quote(key)
-
-
-def _format_number(value: float) -> str:
-    """Return a number as YAML reads it back: always a float, without rounding."""
-    text = repr(float(value) + 0.0)
-    mantissa, mark, exponent = text.partition("e")
-    return f"{mantissa if '.' in mantissa else mantissa + '.0'}e{int(exponent):+d}" if mark else text

@@ -11,6 +11,7 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from ces_data import recording
+from ces_data.bags.find import find_bag
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.limits import TableLimits
 from ces_data.log_formats import is_log
@@ -76,7 +77,8 @@ class Recording(Suggesting, recording.Recording):
 
         A measured force may be missing. Warns of what looks wrong; raises CesError for what cannot be used.
         """
-        if mapping is not None or columns is not None or is_log(as_path(path, "recording")):
+        path = find_bag(str(as_path(path, "recording")))
+        if mapping is not None or columns is not None or is_log(path):
             return with_methods(read_log(path, mapping=mapping, columns=columns, need=SIGNALS[:2]))
         return with_methods(read_recording(path, signals=signals, need=SIGNALS[:2]))
 

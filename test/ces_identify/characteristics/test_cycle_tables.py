@@ -174,3 +174,9 @@ def test_the_packaged_experiment_shows_all_of_it():
     assert {(r.change, r.direction) for r in results.responses if r.steps >= 5} == {
         (change, direction) for change in ("soft to hard", "hard to soft") for direction in ("compression", "rebound")
     }
+
+
+def test_an_empty_table_keeps_its_columns():
+    pytest.importorskip("pandas")
+    frame = characterise(recording_of(T, X, 0.5, V)).to_frame("ranges")
+    assert len(frame) == 0 and {"speed_m_s", "soft_A", "hard_A"} <= {*frame.columns}
