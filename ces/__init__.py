@@ -124,7 +124,7 @@ def identify(
 
 
 def validate(model: SimulationInput, recordings: RecordingInputs) -> Evaluations:
-    """Return the free run of a model on each recording, a list with `to_frame`, as `Model.validate` does.
+    """Return the free run of a model on each recording, a tuple with `to_frame`, as `Model.validate` does.
 
     Of another simulation, the cost is that of a comparison: at the position samples, 0.5 s after each start.
     """

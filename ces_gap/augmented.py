@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F
+from ces_data.findings import warn
 from ces_data.recording import Recording
 from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.plant import DirectSimulator, Plant
@@ -40,6 +42,7 @@ SCHEMA = "ces-augmented/1"
 FILES = (".json", ".yaml", ".yml")
 MAX_BYTES = 4_000_000
 MAX_EFFECTS = 20
+AGAIN = "give a model's file, or a function of a module, such as force in simulator.py"
 
 Opener = Callable[[str], Simulation]
 
@@ -133,9 +136,14 @@ def _split(spec: str) -> tuple[str, str]:
 
 
 def name_simulation(spec: str, folder: Path) -> dict[str, str | None]:
-    """Return the entry `sim` of a file in `folder`: the simulation `spec` relative to it if possible, and its hash."""
+    """Return the entry `sim` of a file in `folder`: the simulation `spec` relative to it if possible, and its hash.
+
+    It warns of a function that no other program finds by its name.
+    """
     path, rest = _split(spec)
     if not path:
+        if not spec.startswith("topic:") and not _is_importable(spec):
+            warn(f"no program can open what names the simulation {spec}: {AGAIN}")
         return {"spec": spec, "sha256": None}
     try:
         relative = Path(os.path.relpath(Path(path).resolve(), folder.resolve())).as_posix()
@@ -235,6 +243,13 @@ def open_named(path: Path, sim: NamedSimulation, open_simulation: Opener, writer
             raise GapError(f"{path}: its simulation {file} has changed since; run `ces {writer}` again")
         rest = f"{file}{rest}"
     return open_simulation(rest)
+
+
+def _is_importable(spec: str) -> bool:
+    module, colon, name = spec.partition(":")
+    if not colon or module == "__main__":
+        return False
+    return module not in sys.modules or callable(getattr(sys.modules[module], name, None))
 
 
 def _digest(file: Path) -> str:

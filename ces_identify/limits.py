@@ -20,6 +20,7 @@ class TickLimits:
     MIN_CHANGE = 1e-3  # of an input's largest size: one that changes less is constant; 10 bits of a converter
     MIN_GAP_S, GAP_SAMPLES = 0.05, 10.0  # a gap is longer than 50 ms, and than ten samples (docs/speed.md)
     MIN_SAMPLES = 10  # of the position in time order: those of a gap
+    MAX_LATE = 0.1  # share of positions after which the vehicle has no force (bags/road at 250 Hz: 0; 150 Hz: 0.25)
     MAX_LOST = 0.5  # share of a recording without a force (a model of UTFSM on a road: 98 %; one of its kind: 2 %)
 
 

@@ -109,7 +109,7 @@ class DamperObserver:
             self._next.reset()
         self.late, self._late_ns = [], 0
         if self.reason != SILENT:
-            self.reason = self._estimator.reason
+            self.reason = self._estimator.word
 
     def restart(self) -> None:
         """Reset with new estimators: an unexpected error may have left any part of the old ones half changed."""
@@ -158,7 +158,7 @@ class DamperObserver:
         if self.late:
             self.late = self._usable(self.late)
         # A model with a delay has no force here, but is well if `late` has those of earlier samples.
-        known = force if force is not None or estimator.reason != OK else 0.0
+        known = force if force is not None or estimator.word != OK else 0.0
         late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
         # One sum instead of five tests: it is finite only if all terms are.
         if known is None or late or not isfinite(known + position_m + current + self.position + self.speed):
@@ -239,5 +239,5 @@ class DamperObserver:
         if not isfinite(motion):
             return NO_MOTION
         if force is None:
-            return self._estimator.reason
+            return self._estimator.word
         return OK if isfinite(force) and isfinite(self.position) and isfinite(self.speed) else UNBOUNDED

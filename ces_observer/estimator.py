@@ -38,7 +38,15 @@ from ces_observer.tick import estimator as tick
 from ces_observer.tick.estimator import CAUSE, FORCE, LATE_COUNT, LATE_STAMPS, LATE_VALUES, LATE_WIDTH, REASON
 from ces_observer.tick.model import CLAMPED, HELD
 from ces_observer.tick.run import run_half_width
-from ces_observer.tick.tracker import P_ESTIMATOR, TRACK_POSITION, TRACK_SPEED, WAITING
+from ces_observer.tick.tracker import (
+    DOUBTED_TAU,
+    LAST_INTERVAL,
+    P_ESTIMATOR,
+    TAU,
+    TRACK_POSITION,
+    TRACK_SPEED,
+    WAITING,
+)
 
 SWITCH_S = 0.2  # [s] mean time for which one mode is the right one
 
@@ -52,6 +60,12 @@ def layout_of(sampling: Sampling) -> ArrayLayout:
     layout = ArrayLayout(tracker.P_ESTIMATOR, tracker.N_ESTIMATOR, tracker.S_ESTIMATOR, tracker.K_ESTIMATOR)
     fill_tracker(layout, sampling)
     return layout
+
+
+def least_rate_Hz(sampling: Sampling) -> float:
+    """Return the rate of positions [Hz] below which every one comes so late that no force is given."""
+    p = layout_of(sampling).p
+    return 1.0 / min(p[tracker.DOUBT_S] + p[tracker.OVERDUE_S], sampling.max_gap_s)
 
 
 def fill_tracker(layout: ArrayLayout, sampling: Sampling) -> None:
@@ -175,6 +189,7 @@ class Estimator:
         self._flags = run.k
         self._half_width = bind(run_half_width, run.p, run.n, run.s)
         self._step, self._reset = (bind(one, *own, *run) for one in (tick.estimator_step, tick.estimator_reset))
+        self._least_rate_Hz = least_rate_Hz(model.sampling)
         self._skip_late = bind(tick.estimator_skip_late, self._n, self._s, self._k)
         self.is_late = model.sampling.delay_ticks > 0
         self.delay_ns = round(model.sampling.delay_ticks / model.sampling.rate_Hz * 1e9)
@@ -205,10 +220,20 @@ class Estimator:
         return force
 
     @property
+    def word(self) -> str:
+        """One of REASONS: "ok", or why the last force was withheld."""
+        return REASONS[self._k[REASON]]
+
+    @property
     def reason(self) -> str:
-        """The word "ok", or why the last force was withheld."""
-        reason = REASONS[self._k[REASON]]
-        return f"{reason}: {NO_STAMPS}" if reason == WARMING_UP and self._k[WAITING] > MAX_WAITING else reason
+        """The same, with what is wrong with the stamps if they are why it warms up."""
+        reason = self.word
+        if reason != WARMING_UP:
+            return reason
+        if self._k[WAITING] > MAX_WAITING:
+            return f"{reason}: {NO_STAMPS}"
+        seldom = self._s[LAST_INTERVAL] * self._least_rate_Hz > 1.0 and self._s[DOUBTED_TAU] > self._s[TAU]
+        return f"{reason}: {describe_rate(1.0 / self._s[LAST_INTERVAL], self._least_rate_Hz)}" if seldom else reason
 
     @property
     def cause(self) -> str:
@@ -260,6 +285,11 @@ class Estimator:
     def skip_late(self, until_ns: int) -> None:
         """Give no estimates in `late` up to this stamp: another estimator has given them."""
         self._skip_late(until_ns)
+
+
+def describe_rate(rate_Hz: float, least_Hz: float) -> str:
+    """Return that positions come too seldom for a model."""
+    return f"positions come at about {rate_Hz:.0f} Hz; this model needs {least_Hz:.0f} Hz or more"
 
 
 def _explain_types(stamp_ns: object, **numbers: object) -> CesError:

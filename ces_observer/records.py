@@ -88,6 +88,21 @@ def write_record(record: Any, cls: type[Any] | None = None) -> dict[str, Any]:
     return written
 
 
+def clip_numbers(record: T) -> T:
+    """Return the record with its numbers, and those of records in it, within the ranges of their fields."""
+    cls: Any = type(record)
+    clipped: T = cls(**{f.name: _clip(getattr(record, f.name), record_fields(cls)[f.name]) for f in fields(cls)})
+    return clipped
+
+
+def _clip(value: Any, one: Field) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_clip(item, one) for item in value)
+    if is_dataclass(value):
+        return clip_numbers(value)
+    return min(max(value, one.low), one.high) if isinstance(value, float) else value
+
+
 def read_document(record: Field, values: object, source: str, schema: str, remedy: str, error: type[CesError]) -> Any:
     """Return the record of a whole file of ours, complete and with its `schema` under that key; raises `error`."""
     if not isinstance(values, Mapping):

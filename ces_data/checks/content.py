@@ -80,6 +80,20 @@ def require_once(recordings: Sequence[Recording], use: str = "") -> None:
             raise RecordingError(f"{_names(*pair)}: {shared}{use}: its seconds would count twice; give it once")
 
 
+def select_new(recordings: Sequence[Recording], known: Sequence[Recording]) -> list[Recording]:
+    """Return those that are not known. Raises RecordingError for one that has a part of a known one, or of another."""
+    new = list[Recording]()
+    for recording in recordings:
+        shared = [(other, shared_content(recording, other)) for other in known]
+        if any(content is not None and content.whole for _, content in shared):
+            continue
+        for other, content in shared:
+            if content is not None:
+                require_once([recording, other])
+        new.append(recording)
+    return new
+
+
 def recording_marks(recording: Recording) -> list[str]:
     """Return marks of a recording for a model's file: up to MARKS hashes of runs of the force, spread over its time."""
     marks = np.sort(_all_marks(recording.channels.get("force")))

@@ -77,13 +77,22 @@ class FittedParameter:
         return not self.matters and not self.ci95[0] <= self.default <= self.ci95[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MissingEffect:
-    """The effect that explains most beside the parameters, its estimates, and the gap [N] left with both."""
+    """The effect that explains most beside the parameters, its estimates, and the gap [N] left with both.
+
+    Where the defaults are kept, as the fitted values without the effect leave more (`alone_N`), these are `beside` it.
+    """
 
     setting: Setting
     estimates: tuple[Estimate, ...]
     gap_after_N: float
+    beside: tuple[FittedParameter, ...] = ()
+    alone_N: float = math.nan
+
+    def __repr__(self) -> str:
+        numbers = ", ".join(f"{e.name} {e.value:.3g}" for e in self.estimates)
+        return f"<{self.setting.name}: {numbers}; with it {self.gap_after_N:.3g} N are left>"
 
 
 @dataclass(frozen=True)
@@ -109,7 +118,8 @@ class Alternative:
 class Calibration(PrintedResult):
     """What a fit of parameters found; gaps [N] are on held-out recordings, with the noise subtracted.
 
-    `simulation` has the fitted values; `moves_with` are groups of parameters whose changes look alike.
+    `simulation` has the values of `parameters`, the defaults where fitted ones leave no less, and leaves `after_N`;
+    `moves_with` are groups of parameters whose changes look alike.
     """
 
     spec: str
@@ -271,7 +281,9 @@ def tell_time(runs: int, seconds: float) -> str:
 def _assemble(
     spec: str, free: FreeParameters, best: ParameterFit, choice: ChosenExplanation, held: Sequence[Trace]
 ) -> Calibration:
-    """Return the result; under a missing effect, the parameters are those of the joint fit."""
+    """Return the result; under a missing effect, the parameters are those of the joint fit, unless alone they are
+    worse than the defaults.
+    """
     whole, simulation = choice.whole, best.effect.simulation
     held = smooth_traces(simulation, held) if best.is_smoothed else held
     joint = None if choice.best.effect is None else whole.fit
@@ -280,22 +292,29 @@ def _assemble(
     changed = simulation.with_values({p.name: p.value for p in parameters})
     forces = [DirectSimulator(changed).force(t, t.inputs) for t in held]
     after_N, notes = gap_N(held, forces, noise_N), free.notes
-    if after_N < before_N or joint is not None:
+    missing = None if joint is None else _describe_missing(joint, simulation, held, noise_N)
+    if after_N < before_N:
         calibrated = changed
     else:
-        notes = notes if before_N <= noise_N else (*notes, WORSE)
+        notes = notes if before_N <= noise_N or missing else (*notes, WORSE)
+        if missing and any(p.value != p.default for p in parameters):
+            missing = replace(missing, beside=parameters, alone_N=after_N)
         forces, after_N = [t.simulated for t in held], before_N
-        parameters = tuple(replace(p, value=p.default, matters=False) for p in parameters)
+        parameters = tuple(map(_keep_default, parameters))
     count = len(whole.places)
     covariance = np.zeros((0, 0)) if whole.fit is None else whole.fit.covariance[:count, :count]
     groups = find_groups(best.jacobian, covariance, whole.places, [p.name for p in best.effect.free])
-    missing = None if joint is None else _describe_missing(joint, simulation, held, noise_N)
     alternatives = tuple(_as_alternative(best, h) for h in choice.alternatives)
     series = tuple(HeldOutSeries(t, t.simulated, force) for t, force in zip(held, forces, strict=True))
     if isinstance(calibrated, RememberedSimulation):
         calibrated = calibrated.with_own_values
     facts = tuple(groups), before_N, after_N, noise_N, missing, alternatives, notes, best.is_smoothed, series
     return Calibration(spec, calibrated, parameters, *facts)
+
+
+def _keep_default(p: FittedParameter) -> FittedParameter:
+    ends = p.ci95 if p.ci95[0] <= p.default <= p.ci95[1] else (-math.inf, math.inf)
+    return replace(p, value=p.default, ci95=ends, at_bound=False, matters=False)
 
 
 def _as_alternative(fitted: ParameterFit, h: Hypothesis) -> Alternative:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ces_data.reading import import_pandas
-from ces_gap.effects.effect import Composition
+from ces_gap.effects.effect import Composition, Setting
+from ces_gap.effects.refitted import NetworkPart
 from ces_gap.inference.fit import Estimate, Interval
 from ces_report.table import PrintedResult
 
@@ -29,7 +31,10 @@ class Explanation(PrintedResult):
     without_N: tuple[float, ...] = ()  # the gap left without each of several effects, the others refitted
 
     def to_frame(self) -> Any:
-        """Return the parameters as a DataFrame, in SI units, with their 95 % intervals."""
+        """Return the parameters as a DataFrame, in SI units, with their 95 % intervals.
+
+        The quantities of a network's part have none; their units are in their names.
+        """
         rows = [
             {
                 "effect": effect,
@@ -41,10 +46,15 @@ class Explanation(PrintedResult):
                 "at_bound": e.at_bound,
                 "drifts": e.drifts,
             }
-            for effect, estimates in zip(self.effects, self.estimates, strict=True)
-            for e in estimates
+            for effect, setting, estimates in zip(self.effects, self.composition.settings, self.estimates, strict=True)
+            for e in (*_read_quantities(setting), *estimates)
         ]
         return import_pandas().DataFrame(rows)
+
+
+def _read_quantities(setting: Setting) -> list[Estimate]:
+    moved = setting.effect.read_quantities() if isinstance(setting.effect, NetworkPart) else {}
+    return [Estimate(name, value, (math.nan, math.nan)) for name, value in moved.items()]
 
 
 def share_probabilities(

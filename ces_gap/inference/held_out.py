@@ -38,7 +38,7 @@ SAME_BAND = 0.95  # of the noise as logged: where more reaches the grid, the dif
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Gap:
     """The gap on the held-out recordings, RMS [N] without measurement noise.
 
@@ -57,6 +57,10 @@ class Gap:
     noise_source: str = NO_SOURCE
     noise_known: bool = True  # False if no source limits the noise of a recording
     noise_in_band_N: float = math.nan
+
+    def __repr__(self) -> str:
+        low, high = self.ci95_N
+        return f"<Gap of {self.rms_N:.3g} N RMS ({low:.3g} to {high:.3g}), J {self.cost_J:.3g} %>"
 
     @property
     def noise_in_band(self) -> str:

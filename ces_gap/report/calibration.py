@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -43,15 +44,25 @@ FILE, REPORT = "calibrated.json", "report.html"
 
 def describe(c: Calibration) -> str:
     """Return what was found, for a user: the values that matter, the gap, what is missing, and what is not known."""
-    changed = [p for p in c.parameters if p.matters]
+    changed = [p for p in _found(c) if p.matters]
     parts = _describe_changes(c, changed), _describe_missing(c, changed), _describe_alternatives(c), _describe_doubts(c)
     return " ".join(filter(None, parts))
+
+
+def _found(c: Calibration) -> tuple[FittedParameter, ...]:
+    """Return the parameters with the values that the best explanation has, also where the defaults are kept."""
+    return (c.missing and c.missing.beside) or c.parameters
 
 
 def _describe_changes(c: Calibration, changed: Sequence[FittedParameter]) -> str:
     before, after = newtons(c.before_N), newtons(c.after_N)
     if not changed and c.before_N <= c.noise_N:
         return f"No parameter is off: the gap of {before} RMS lies within the noise of {newtons(c.noise_N)}."
+    if c.missing and c.missing.beside:
+        found = f"{describe_values(changed)}, beside an effect that is missing in the"
+        found = found if changed else "No parameter is a part of the best explanation of the"
+        kept = f"the fitted values alone leave {newtons(c.missing.alone_N)}, so the defaults are kept"
+        return f"{found} gap of {before} RMS; {kept}."
     if not changed:
         if before == after:
             return f"No parameter is surely off: the gap of {before} RMS remains."
@@ -59,8 +70,6 @@ def _describe_changes(c: Calibration, changed: Sequence[FittedParameter]) -> str
             f"No parameter is a part of the best explanation; fitted, they shrink the gap of {before} to {after} RMS."
         )
     both = {1: "it", 2: "both"}.get(len(changed), "them")
-    if c.after_N >= c.before_N:  # they show beside the missing effect only
-        return f"{describe_values(changed)}, beside an effect that is missing in the gap of {before} RMS."
     if beside := [p.name for p in c.parameters if p.is_beside]:
         both += f" and the fitted {join_with(beside)}"
     return (
@@ -119,11 +128,11 @@ def _describe_doubts(c: Calibration) -> str:
     others = "" if len(c.parameters) == 1 else " beside the others"
     others = others if c.missing is None else f" beside {effect_name(c.missing.setting.name)}"
     texts = []
-    for p in (p for p in c.parameters if not p.determined and p.value == p.default):
+    for p in (p for p in _found(c) if not p.determined and p.value == p.default):
         near = next((group[1:] for group in c.moves_with if group[0] == p.name), ())
         why = f"it moves with {join_with(near)}" if near else f"it hardly shows here{others}"
         texts.append(f"{p.name} cannot be determined: {why}; it is held at its default.")
-    return " ".join([*texts, *describe_doubtful([p for p in c.parameters if p.matters])])
+    return " ".join([*texts, *describe_doubtful([p for p in _found(c) if p.matters])])
 
 
 def describe_doubtful(parameters: Sequence[FittedParameter]) -> list[str]:
@@ -152,7 +161,12 @@ COLUMNS: tuple[Column[FittedParameter], ...] = (
 
 def parameter_table(c: Calibration) -> Table[FittedParameter]:
     """Return the parameters, those that matter first."""
-    return Table(COLUMNS, sorted(c.parameters, key=lambda p: not p.matters), "parameters of the simulation")
+    rows = sorted(_found(c), key=lambda p: not p.matters)
+    if not (c.missing and c.missing.beside):
+        return Table(COLUMNS, rows, "parameters of the simulation")
+    beside = f"beside {effect_name(c.missing.setting.name)}"
+    columns = [replace(one, heading=f"Value {beside}") if one.heading == "Value" else one for one in COLUMNS]
+    return Table(columns, rows, f"parameters of the simulation {beside}; the defaults are kept")
 
 
 @summarize_result.register
@@ -188,6 +202,16 @@ MISSING = record_of(
     form=(TEXT, "setting.effect.form"),
     parameters=(PARAMETERS, lambda missing: {one.name: one for one in missing.estimates}),
     gap_after_N=POSITIVE,
+    beside=(
+        replace(by_name(FITTED), default={}, optional=True).about(
+            "the values beside the effect; alone they leave more, so the parameters keep their defaults"
+        ),
+        lambda missing: {p.name: p for p in missing.beside},
+    ),
+    alone_N=(
+        replace(POSITIVE, default=None, optional=True).about("the gap that these values leave alone"),
+        lambda missing: missing.alone_N if missing.beside else None,
+    ),
 )
 CONTENT: Mapping[str, Field | tuple[Field, Of]] = {
     "parameters": (by_name(FITTED), lambda c: {p.name: p for p in c.parameters}),

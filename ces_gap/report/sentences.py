@@ -50,7 +50,7 @@ def format_verdict(diagnosis: Diagnosis) -> str:
         fitted = (
             f"with {join_effect_names(effects)}, {shrink}" if effects else "what was fitted enlarges the held-out gap"
         )
-        return f"{ambiguity[:1].upper()}{ambiguity[1:]}; {fitted}."
+        return f"{ambiguity[:1].upper()}{ambiguity[1:]}; {fitted}{_describe_fewer(diagnosis)}."
     if tuple(effects) == (CALIBRATION,):
         cell = max(calibration_cells(diagnosis), key=lambda c: abs(c.force_N))
         speed, current = f"{format_range(*cell.speed_m_s)} m/s", f"{format_number(float(np.mean(cell.current_A)))} A"
@@ -74,7 +74,25 @@ def describe_correction(diagnosis: Diagnosis) -> str:
 
 def _describe_shrink(before_N: float, after_N: float) -> str:
     before, after = newtons(before_N), newtons(after_N)
-    return f"of {before} RMS hardly shrinks" if before == after else f"shrinks from {before} to {after} RMS"
+    verb = "grows" if after_N > before_N else "shrinks"
+    return f"of {before} RMS hardly {verb}" if before == after else f"{verb} from {before} to {after} RMS"
+
+
+def _describe_fewer(diagnosis: Diagnosis) -> str:
+    """Return which fewer effects leave less of the held-out gap than those together; empty if none do.
+
+    The effects are chosen on the other recordings: held-out ones do not choose.
+    """
+    together = diagnosis.composition
+    names, gaps_N = together.effects, together.without_N
+    if len(names) < 2:
+        return ""
+    fewer = {f"{join_effect_names(c.effects)} alone": c.gap_after_N for c in diagnosis.causes if len(c.effects) == 1}
+    fewer |= {f"those without {join_effect_names([e])}": gap_N for e, gap_N in zip(names, gaps_N, strict=False)}
+    best = min(fewer, key=lambda which: (math.isnan(fewer[which]), fewer[which]), default="")
+    if not best or not fewer[best] < together.gap_after_N or newtons(fewer[best]) == newtons(together.gap_after_N):
+        return ""
+    return f", but fewer effects leave less on held-out recordings: {best} {newtons(fewer[best])}"
 
 
 def _describe_rest(diagnosis: Diagnosis) -> str:

@@ -71,7 +71,8 @@ class Limits:
 class SearchResult:
     """A model: indices of its candidates, coefficients, selection cost [%], seed, and why the start stopped.
 
-    `share` is that of the start's work so far (0 to 1); `met` are the best models of other sizes on its way.
+    `share` is that of the start's work so far (0 to 1); `met` are the best models of other sizes on its way. Of several
+    structures, `structure` is the name.
     """
 
     chosen: I
@@ -82,6 +83,7 @@ class SearchResult:
     ended: str
     share: float = 0.0
     met: tuple[SearchResult, ...] = ()
+    structure: str = ""
 
 
 Listener = Callable[[SearchResult | str], None]  # of an improvement, the end of a start, or the step that begins

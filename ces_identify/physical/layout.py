@@ -70,6 +70,7 @@ HELD_WEIGHT = 300.0  # of the valve's path where the current was held: nothing i
 CHAMBER_M_N, MOUNT_M_N = 2e-7, 5e-8
 CLOSING_S = 1e-3
 LIMIT = 60.0  # of a logarithm
+LEAST_SHARE = 1e-9  # of a piece of the setting's rise, relative to the largest: less is lost in rounding
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ class Group:
         """Return the values of the group."""
         if self.name == "setting":
             shares = np.exp(np.clip(theta, -LIMIT, LIMIT))
+            shares = np.maximum(shares, LEAST_SHARE * shares.max())
             return np.append(0.0, np.cumsum(shares) / shares.sum())
         return np.exp(np.clip(theta, -LIMIT, LIMIT)) if self.unit is None else self.unit * theta
 

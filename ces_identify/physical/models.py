@@ -27,7 +27,7 @@ from ces_identify.physical.layout import (
     positive_group,
 )
 from ces_identify.training import Training
-from ces_observer.limits import NumberLimits
+from ces_observer.records import clip_numbers
 from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
 from ces_observer.structures.hydraulic import LONG_TICK, NEVER_S, FrictionElement, Hydraulic, SideForces, ValvePath
 from ces_observer.structures.structure import OperatingRange
@@ -151,7 +151,7 @@ class HydraulicModels:
         return float(error), float(most), matrix, gradients
 
     def body(self, theta: F) -> Hydraulic:
-        """Return the structure with these parameters."""
+        """Return the structure with these parameters, within what a file may hold: a fit may lead far beyond."""
         values, s = self.layout.values(theta), self.scales
         number = {name: float(one[0]) for name, one in values.items() if one.size == 1}
         number |= zip(("piston_s", "base_s", "external_s"), as_floats(values["closing_s"]), strict=True)
@@ -163,13 +163,12 @@ class HydraulicModels:
         friction = zip(values["friction"], values["friction_yield"], values["friction_moved"], strict=True)
         path = (number[name] for name in ("delay_ticks", "hysteresis_A", "rise_s", "fall_s"))
         numbers: dict[str, Any] = {f.name: number[f.name] for f in fields(Hydraulic) if f.name in number}
-        opening = as_floats(np.maximum(values["bypass"], NumberLimits.MIN_OPENING))
-        return Hydraulic(
+        body = Hydraulic(
             kind=self.kind,
             valve=ValvePath(IncreasingCurve(as_floats(s.currents_A), as_floats(values["setting"])), *path),
             **numbers,
             **edges,
-            bypass=Bypass(as_floats(self.bypassed), opening) if len(self.bypassed) else None,
+            bypass=Bypass(as_floats(self.bypassed), as_floats(values["bypass"])) if len(self.bypassed) else None,
             side=SideForces(
                 number["lead_s"], s.max_acceleration_m_s2, number["viscous_Ns_m"], number["mass_kg"],
                 as_floats(s.positions_m), as_floats(values["gas_N"]),
@@ -177,6 +176,7 @@ class HydraulicModels:
             ),
             reach=EnvelopeLimits.REACH,
         )  # fmt: skip
+        return clip_numbers(body)
 
     def hold_pressures(self, theta: F) -> HydraulicModels:
         """Return the models whose pressures are held well beyond those that the recordings need."""

@@ -20,8 +20,9 @@ from ces_data.samples import mask_lost, measured_at
 from ces_identify.limits import TickLimits
 from ces_identify.numerics.core import compile_tick, core_kernel, pointer
 from ces_observer.errors import RecordingError
+from ces_observer.limits import SpeedLimits
 from ces_observer.model import Sampling
-from ces_observer.estimator import layout_of
+from ces_observer.estimator import describe_rate, layout_of, least_rate_Hz
 from ces_observer.structures.structure import Range
 from ces_observer.tick import tracker
 from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TOTAL
@@ -40,7 +41,8 @@ class Series:
     Arrays over m ticks: `time_s` from the first position sample, `position` [m], `speed` [m/s], `current` [A],
     `force` [N] (NaN where none was measured). `segments` (s, 2) are [start, stop) ticks without a gap. `scored` (m,)
     is true where a force was measured after the warm-up of `warm_up` ticks. `dropped` counts the omitted position
-    samples by reason.
+    samples by reason. After a share `unsettled` of the position samples, which came too late, the vehicle withholds the
+    force; `rates` says why.
     """
 
     name: str
@@ -54,6 +56,8 @@ class Series:
     scored: Mask
     warm_up: int
     dropped: dict[str, int]
+    unsettled: float = 0.0
+    rates: str = ""
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -197,6 +201,9 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
     if not len(starts):
         raise RecordingError(f"{recording.name}: {_explain_stroke(status, samples.current, sampling)}")
     time_s, dropped = (stamps_ns - samples.stamps_ns[0]) * 1e-9, samples.dropped
+    unsettled, rates = float((status == UNSETTLED).mean()), ""
+    if unsettled:
+        rates = _describe_rates(samples.stamps_ns, sampling)
     del samples
     segments = np.stack([starts, np.append(starts[1:], len(position))], axis=1)
     force = force_at(recording, stamps_ns, sampling.max_gap_s, has_spikes)
@@ -225,14 +232,27 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
         scored=(since_start >= warm_up) & np.isfinite(force) & has_speed,
         warm_up=warm_up,
         dropped=dropped,
+        unsettled=unsettled,
+        rates=rates,
     )
+
+
+def _describe_rates(stamps_ns: I, sampling: Sampling) -> str:
+    """Return the typical rate of positions, and that which the model needs or has."""
+    rate_Hz, least_Hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0), least_rate_Hz(sampling)
+    if rate_Hz < least_Hz:
+        return describe_rate(rate_Hz, least_Hz)
+    if rate_Hz > sampling.rate_Hz / SpeedLimits.OVERDUE:
+        return "many positions are missing"
+    return f"positions come at about {rate_Hz:.0f} Hz, the model has {sampling.rate_Hz:.0f} ticks a second"
 
 
 def _explain_stroke(status: NDArray[np.int8], current: F, sampling: Sampling) -> str:
     """Return that positions of this status (n,) are beyond the model's stroke, and what may be wrong with them."""
     beyond, (low, high) = int((status == BEYOND_STROKE).sum()), sampling.stroke_m
     text = (
-        f"{beyond} of {len(status)} positions are beyond {low:.3g} to {high:.3g} m, which the model knows; check unit"
+        f"{beyond} of {len(status)} positions are not within {low:.3g} to {high:.3g} m, which is the model's recorded "
+        "stroke and a margin; check unit"
     )
     is_stroke = changes(current) and low <= current.min() and current.max() <= high
     return f"{text} (m), sign and offset of the position{', or is it exchanged with the current?' if is_stroke else ''}"

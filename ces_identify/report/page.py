@@ -28,6 +28,7 @@ from ces_identify.report.steady import steady_section
 from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_section
 from ces_identify.structures.auto import REASON
+from ces_identify.structures.kit import UNDETERMINED
 from ces_identify.structures.polynomial import COSTS_BY_TERMS, size_sections
 from ces_identify.validation.cost_table import COSTS, cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
@@ -38,7 +39,7 @@ from ces_identify.validation.evaluate import (
     explain_missing,
     pool_evaluations,
 )
-from ces_identify.validation.lacks import UNDETERMINED, head_lines
+from ces_identify.validation.lacks import head_lines
 from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
@@ -174,6 +175,7 @@ def _format_warnings(evaluations: Sequence[Evaluation]) -> list[str]:
     """
     held = sorted((e for e in evaluations if e.held_text), key=lambda e: -e.held_share)
     others = [(e.lost_text, e.role) for e in evaluations if e.lost_text][:MAX_WARNED]
+    others += [(e.late_text, e.role) for e in evaluations if e.late_text][:MAX_WARNED]
     others += [(e.held_text, e.role) for e in held[:MAX_WARNED]]
     others += [(e.band_text, e.role) for e in evaluations if e.band_text][:MAX_WARNED]
     texts = [minus(f"{text} ({role}).") for text, role in others]

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from ces_data import recording
 from ces_data.arrays import F
 from ces_data.checks.check import check_each, check_together, require_sound
-from ces_data.checks.content import require_distinct, require_once
-from ces_data.findings import warn
+from ces_data.checks.content import require_distinct, require_once, select_new
+from ces_data.findings import Finding, warn
 from ces_data.outputs import REPORT, require_model_name, require_outputs
 from ces_data.reading import (
     SIGNALS,
@@ -50,13 +50,13 @@ from ces_identify.simulations.simulate import (
 )
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.structures import model_section
-from ces_identify.structures.hydraulic import Quantity, list_quantities
+from ces_identify.structures.hydraulic import Quantity, explain_missing_errors, list_quantities
 from ces_identify.structures.polynomial import coefficient_unit, format_term
 from ces_identify.validation.band import band_half_width
 from ces_identify.validation.checked import evaluate_checked, warnings_on
 from ces_identify.validation.cost_table import Evaluations, KnownCosts
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size
-from ces_identify.validation.lacks import describe_gap
+from ces_identify.validation.lacks import describe_gap, head_lines
 from ces_identify.validation.standard_errors import standard_errors
 from ces_observer import model
 from ces_observer.errors import CesError, Suggesting
@@ -91,6 +91,7 @@ class Model(Suggesting, model.Model):
 
     evaluated: Evaluations = field(default=Evaluations(), metadata=in_files(None), compare=False)
     search_results: SearchResults = field(default=SearchResults(), metadata=in_files(None), compare=False)
+    recorded: tuple[recording.Recording, ...] = field(default=(), metadata=in_files(None), compare=False)
 
     def __new__(cls, *args: Any, **fields: Any) -> Self:
         """Return a new one; raises CesError for a path alone."""
@@ -151,16 +152,23 @@ class Model(Suggesting, model.Model):
             warn(f"steps: {steps} ticks are longer than any stretch of {given.name} ({longest} ticks): it is simulated")
             return like(recording, given, run.force)
         predicted = predict_series(self, run.series, int(steps))
+        if np.array_equal(predicted, run.run.force, equal_nan=True):
+            warn(f"steps: '{self.structure}' has no past force in it: what it predicts is what it simulates")
         force = force_at_samples(predicted, run.newest, run.ahead, self.force_envelope_N)
         return like(recording, given, np.where(np.isfinite(run.force), force, np.nan))
 
     def validate(self, recordings: RecordingInputs) -> Evaluations:
         """Return the free run on each recording with its cost J [%] (`cost`) and RMS error (`rms_N`).
 
-        Warns of what `ces validate` warns of: recordings that look wrong, or that the model was identified on, and
-        inputs and forces outside its envelopes.
+        Warns of what `ces validate` warns of: recordings that look wrong, or that the model was identified on, inputs
+        and forces outside its envelopes, and what the error depends on.
         """
-        given = as_recordings(recordings)
+        evaluations, findings = self._evaluate(given := as_recordings(recordings))
+        warn_all(dict.fromkeys(describe_finding(finding.text, given) for finding in findings))
+        warn_all([*(text for e in evaluations for text in e.warnings), *head_lines(self, evaluations)])
+        return evaluations
+
+    def _evaluate(self, given: Sequence[recording.Recording]) -> tuple[Evaluations, list[Finding]]:
         require_once(given)
         findings = list(check_each(given))
         evaluations = list[Evaluation]()
@@ -168,10 +176,7 @@ class Model(Suggesting, model.Model):
             evaluation, added = evaluate_checked(self, one, findings)
             evaluations.append(evaluation)
             findings += added
-        warn_all(
-            [*(describe_finding(f.text, given) for f in findings), *(text for e in evaluations for text in e.warnings)]
-        )
-        return Evaluations(evaluations)
+        return Evaluations(evaluations), findings
 
     def force_speed(self, currents: ArrayLike | None = None, speeds: ArrayLike | None = None) -> Any:
         """Return steady forces [N] at mid-stroke as a DataFrame: a row for each speed [m/s], a column for each current.
@@ -193,7 +198,8 @@ class Model(Suggesting, model.Model):
         inside = np.clip(values, low, high)
         if not (np.abs(values - inside) <= MAX_BEYOND * (high - low)).all():
             text = (
-                f"{name}s: {values.min():g} to {values.max():g} {unit}; the model knows {low:g} to {high:g} (envelope)"
+                f"{name}s: {' to '.join(dict.fromkeys((f'{values.min():g}', f'{values.max():g}')))} {unit}; the model "
+                f"knows {low:g} to {high:g} (envelope); give others, or record more"
             )
             raise CesError(text)
         for value, end in dict(zip(values[values != inside], inside[values != inside], strict=True)).items():
@@ -260,10 +266,11 @@ class Model(Suggesting, model.Model):
     ) -> Path:
         """Write the page about the model on the recordings where it was identified, and on others; return its path.
 
-        Raises CesError, also for a file that exists, unless `overwrite`.
+        Those of the identification are on it once, also if they are given. Raises CesError for others that have seconds
+        of them, and for a file that exists, unless `overwrite`.
         """
         require_outputs(overwrite, {REPORT: (target := as_path(path, "path"))})
-        given = as_recordings(recordings, required=False)
+        given = select_new(as_recordings(recordings, required=False), self.recorded)
         added, days = self.validate(given) if given else [], [one.day for one in given]
         evaluations = [*self.evaluated, *added]
         if not evaluations:
@@ -280,7 +287,7 @@ class Model(Suggesting, model.Model):
         those of a hydraulic network are NaN if the identification found none. Raises CesError without pandas.
         """
         pandas = import_pandas()
-        used = list(self.evaluated if _is_empty(recordings) else self.validate(recordings))
+        used = list(self.evaluated if _is_empty(recordings) else self._evaluate(as_recordings(recordings))[0])
         used = [e for e in used if e.role == IDENTIFICATION] or used
         if isinstance(self.body, Polynomial):
             errors = standard_errors(self, self.body, used)
@@ -290,6 +297,7 @@ class Model(Suggesting, model.Model):
             ]
             return pandas.DataFrame(rows, columns=["regressor", "coefficient", "unit", "standard_error"])
         if isinstance(self.body, Hydraulic):
+            warn_all(filter(None, [explain_missing_errors(self)]))
             return pandas.DataFrame(list_quantities(self.body, self), columns=Quantity._fields)
         table = model_section(self, used, IDENTIFICATION).table
         rows = [[_plain(Markup(column.text(row))) for column in table.columns] for row in table.rows]
@@ -354,10 +362,11 @@ def identify_model(
 
     with one_blas_thread():
         result = identify(given, held_out, how, listen, fitter).require_explained(findings, ignored)
-    gap = describe_gap(result.model)
-    warn_all([*[gap] * bool(gap), *(text for evaluation in result.evaluations for text in evaluation.warnings)])
+    warn_all(text for evaluation in result.evaluations for text in evaluation.warnings)
+    warn_all(head_lines(result.model, result.evaluations))
     starts = SearchResults(result.search_results)
-    return replace(as_model(result.model), evaluated=Evaluations(result.evaluations), search_results=starts)
+    used, evaluated = (*given, *held_out), Evaluations(result.evaluations)
+    return replace(as_model(result.model), evaluated=evaluated, search_results=starts, recorded=used)
 
 
 def _is_empty(given: object) -> bool:

@@ -22,18 +22,19 @@ class SearchResults(PrintedResults[SearchResult]):
         return super().__getitem__(at)
 
     def to_frame(self) -> Any:
-        """Return them as a DataFrame: seed, size of the model, cost on the selection data [%], trials, and the end."""
-        columns = ["seed", "size", "selection_J_percent", "trials", "ended"]
+        """Return a DataFrame: structure (of several), seed, size, cost on the selection data [%], trials, end."""
+        columns = ["structure", "seed", "size", "selection_J_percent", "trials", "ended"]
         return import_pandas().DataFrame(map(_start_facts, self), columns=columns)
 
 
-def _start_facts(start: SearchResult) -> tuple[int, int, float, int, str]:
-    return start.seed, len(start.chosen), start.cost, start.trials, start.ended
+def _start_facts(start: SearchResult) -> tuple[str, int, int, float, int, str]:
+    return start.structure, start.seed, len(start.chosen), start.cost, start.trials, start.ended
 
 
 @summarize_result.register
 def _(starts: SearchResults) -> tuple[Sequence[str], Table[Sequence[str]]]:
     rows = [
-        (str(n), str(size), f"{J:.2f}", str(trials), ended) for n, size, J, trials, ended in map(_start_facts, starts)
+        (name, str(n), str(size), f"{J:.2f}", str(trials) if trials else "", ended)
+        for name, n, size, J, trials, ended in map(_start_facts, starts)
     ]
-    return [] if rows else [NONE], text_table(["seed", "size", "selection J %", "trials", "ended"], rows, left=0)
+    return [] if rows else [NONE], text_table(["structure", "seed", "size", "selection J %", "trials", "ended"], rows)

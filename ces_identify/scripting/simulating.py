@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -26,6 +27,8 @@ from ces_identify.validation.checked import simulate_checked
 from ces_identify.validation.cost_table import Evaluations
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError
+
+FLAG, CHOSEN = re.compile(r"(?<!\S)--([a-z][a-z-]*)"), re.compile(r"--structure ([a-z]+)")  # options in a text
 
 
 def simulate(simulation: Simulation, given: Any, position_m: Any, current_A: Any, time_s: Any) -> Any:
@@ -109,9 +112,9 @@ def like(given: object, recording: recording.Recording, force: F) -> Any:
 
 
 def warn_all(texts: Iterable[str]) -> None:
-    """Warn of each."""
+    """Warn of each; options have the names of keywords."""
     for text in texts:
-        warn(text)
+        warn(FLAG.sub(lambda flag: flag[1].replace("-", "_"), CHOSEN.sub(r'structure="\1"', text)))
 
 
 def only(recordings: Sequence[recording.Recording]) -> recording.Recording:

@@ -8,20 +8,21 @@ without physics inside is compared with those with it. Both leave the comparison
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
+from typing import Any
 
 from ces_data.arrays import F
 from ces_identify.limits import ChoiceLimits
-from ces_identify.numerics.search import INTERRUPTED, THESIS, Listener, SearchResult, clock_s
+from ces_identify.numerics.search import INTERRUPTED, THESIS, TIME_IS_UP, Listener, SearchResult, clock_s
 from ces_identify.prepare.series import Series
 from ces_identify.structures import KITS, run_batch
 from ces_identify.structures.forgetting import find_forgetting
 from ces_identify.structures import kit
-from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
+from ces_identify.structures.kit import UNDETERMINED, Fitted, Fitter, IdentifyOptions, Size
 from ces_identify.structures.mixture import mean_of
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
@@ -51,7 +52,9 @@ class BestStructure:
             run.fit(name, 1.0, 1.0)
         if not run.fits:
             raise CesError("no structure could be fitted; check signals and units, or give more time")
-        return _choose(run.fits, run.alike())
+        chosen = _choose(run.fits, run.alike())
+        texts = run.describe_end(work, chosen.how)
+        return replace(chosen, how={**chosen.how, UNDETERMINED: texts}) if texts else chosen
 
 
 @dataclass
@@ -118,8 +121,18 @@ class _Fits:
         if fitted.results[0].ended == INTERRUPTED:
             self._stop.set()
         cost = self.fits[name].cost if name in self.fits else inf
+        named = [replace(result, structure=name) for result in fitted.results]
         if fitted.cost < cost and find_forgetting(fitted.model, self.series, how.forget, run_batch).suffices:
-            self.fits[name] = fitted
+            self.fits[name] = replace(fitted, results=named)
+
+    def describe_end(self, names: Iterable[str], how: Mapping[str, Any]) -> list[str]:
+        """Return what the chosen fit does not tell, and what the time limit left out of the comparison."""
+        texts, left = list(how.get(UNDETERMINED, ())), [name for name in names if name not in self.fits]
+        ended = any(result.ended == TIME_IS_UP for fitted in self.fits.values() for result in fitted.results)
+        if ended or (left and self.end_s - clock_s() < MIN_LEFT_SHARE * self.options.limits.time):
+            without = f", without {' and '.join(left)}" if left else ""
+            texts.append(f"--time ended the comparison of structures{without}: more time may make another the best")
+        return texts
 
     def _tell(self, news: SearchResult | str) -> None:
         """Pass on the lowest cost of all structures so far, without its share of the work, which is that of one."""

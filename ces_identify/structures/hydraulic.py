@@ -22,6 +22,7 @@ from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.forgetting import measure_forgetting
 from ces_identify.structures.kit import (
     AUTO,
+    UNDETERMINED,
     Fitted,
     Fitter,
     IdentifyOptions,
@@ -73,7 +74,7 @@ def _fit(
         "pull": best.strength,
         "kind": best.models.kind,
         "kind_reason": explain_kind(fits, sampling.rate_Hz),
-        "undetermined": quantities.find_undetermined(best.models, best.theta, best.strength),
+        UNDETERMINED: quantities.find_undetermined(best.models, best.theta, best.strength),
     }
     if how.limits.work >= SHORT_WORK and clock_s() + ERRORS_TIMES * (clock_s() - began_s) < end_s:
         tell("finding standard errors of the hydraulic network")
@@ -181,6 +182,18 @@ def list_quantities(body: Hydraulic, model: Model) -> list[Quantity]:
     values = quantities.read_quantities(body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m)
     errors = model.provenance.get("selection", {}).get(quantities.ERRORS, {}).get("quantities", {})
     return [_as_quantity(name, value, errors.get(name, 0.0)) for name, value in values.items()]
+
+
+def explain_missing_errors(model: Model) -> str:
+    """Return why the quantities of a network have no intervals; '' if they have."""
+    selection = model.provenance.get("selection", {})
+    if selection.get(quantities.ERRORS):
+        return ""
+    few = quantities.ERRORS in selection
+    why = (
+        "the recordings were too short for them" if few else "the identification had no time for them: give more --time"
+    )
+    return f"no 95 % intervals of the quantities: {why}"
 
 
 def _as_quantity(name: str, value: float, error: float) -> Quantity:

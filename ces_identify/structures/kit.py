@@ -24,6 +24,7 @@ from ces_observer.structures.structure import OperatingRange, Structure
 from ces_report.table import Section
 
 Size = bool | int | float | str
+UNDETERMINED = "undetermined"  # key of texts in the provenance's selection: what a user must know of a fit
 AUTO = "auto"  # of a size, or the structure: the data choose
 
 

@@ -17,15 +17,15 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, Mask
-from ces_data.reading import import_pandas
 from ces_data.recording import Recording
 from ces_identify.limits import TickLimits
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
 from ces_identify.prepare.cost import EQUAL, Weighting, cost
 from ces_identify.prepare.series import Series, prepare
+from ces_identify.validation.cost_frame import FramedResult, as_frame
 from ces_identify.validation.evaluate import CostInterval, Evaluation
 from ces_observer.model import Model
-from ces_report.table import BAR, Column, PrintedResult, PrintedResults, Table, summarize_result
+from ces_report.table import BAR, Column, PrintedResults, Table, summarize_result
 from ces_report.typesetting import format_within
 
 NONE = "\N{EN DASH}"
@@ -38,7 +38,7 @@ RULE = (
 
 
 @dataclass(frozen=True, repr=False)
-class KnownCost(PrintedResult):
+class KnownCost(FramedResult):
     """What a model file says of an evaluation, NaN and None where it does not; its names are those of `Evaluation`."""
 
     name: str
@@ -135,7 +135,7 @@ class Evaluations(PrintedResults[Evaluation]):
 
     def to_frame(self) -> Any:
         """Return the costs as a DataFrame, a row for each recording: J with its interval [%], shares in percent."""
-        return _as_frame(self)
+        return as_frame(self)
 
 
 @summarize_result.register
@@ -159,7 +159,7 @@ class KnownCosts(PrintedResults[KnownCost]):
 
     def to_frame(self) -> Any:
         """Return the costs as a DataFrame, as `Evaluations` do."""
-        return _as_frame(self)
+        return as_frame(self)
 
 
 def _read_cost(row: Mapping[str, Any]) -> KnownCost:
@@ -182,25 +182,6 @@ def _(costs: KnownCosts) -> tuple[Sequence[str], Table[Cost]]:
 @summarize_result.register
 def _(known: KnownCost) -> tuple[Sequence[str], Table[Cost]]:
     return [], cost_table([known])
-
-
-def _as_frame(costs: Sequence[Cost]) -> Any:
-    rows = [
-        {
-            "recording": e.name,
-            "role": e.role,
-            "scored_s": e.scored_s,
-            "J_percent": e.cost,
-            "low_percent": e.interval.low if e.interval else math.nan,
-            "high_percent": e.interval.high if e.interval else math.nan,
-            "floor_percent": math.nan if e.floor is None else e.floor,
-            "rms_N": e.rms_N,
-            "outside_percent": 100.0 * e.outside_share,
-            "band_percent": math.nan if e.coverage is None else 100.0 * e.coverage,
-        }
-        for e in costs
-    ]
-    return import_pandas().DataFrame(rows)
 
 
 def percent(cost: float, interval: CostInterval | None = None) -> str:

@@ -26,10 +26,10 @@ from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import DROPPED_OUTLIER, FreeRun, Series
 from ces_identify.simulations.simulate import is_outside, simulate_series
 from ces_identify.validation.band import band_half_width
+from ces_identify.validation.cost_frame import FramedResult
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_observer.model import Model
 from ces_observer.structures.structure import Range
-from ces_report.table import PrintedResult
 from ces_report.typesetting import format_alike
 
 IDENTIFICATION, VALIDATION = "identification", "validation"
@@ -64,7 +64,7 @@ class RangeUse:
 
 
 @dataclass(frozen=True, repr=False)
-class Evaluation(PrintedResult):
+class Evaluation(FramedResult):
     """The free run of a model on one series. `role` is IDENTIFICATION if fit or selection used it, else VALIDATION.
 
     `half_width` (ticks,) [N] is that of the model's band, None if it has none. `outside` are the signals that leave the
@@ -145,6 +145,14 @@ class Evaluation(PrintedResult):
         return describe_lost(self.name, 1.0 - float(self.series.scored.sum()) / max(measured, 1), self.series)
 
     @property
+    def late_text(self) -> str:
+        """For how much of the time the vehicle would withhold the force that counts here; empty if it is little."""
+        if self.series.unsettled <= TickLimits.MAX_LATE:
+            return ""
+        share = f"{100.0 * self.series.unsettled:.0f} % of the positions, whose forces count here"
+        return f"{self.name}: on the vehicle there is no force at {share}: {self.series.rates}"
+
+    @property
     def band_text(self) -> str:
         """That the band holds far less than it is meant for; empty if it does not."""
         if self.coverage is None or self.coverage >= BandLimits.MIN_HELD:
@@ -166,7 +174,7 @@ class Evaluation(PrintedResult):
     @property
     def warnings(self) -> list[str]:
         """What is wrong with the run, or with its J; empty if little is."""
-        texts = (self.lost_text, self.outside_text, self.held_text, self.band_text, self.rest_text)
+        texts = (self.lost_text, self.late_text, self.outside_text, self.held_text, self.band_text, self.rest_text)
         return [text for text in texts if text]
 
     @property
@@ -347,7 +355,7 @@ def describe_outside(name: str, share: float, uses: Sequence[RangeUse]) -> str:
 
 def describe_lost(name: str, share: float, series: Series) -> str:
     """Return as text that there is no force for a share of the time, and why; empty if it is little."""
-    if share <= TickLimits.MAX_LOST:
+    if share <= (TickLimits.MAX_LATE if series.unsettled > TickLimits.MAX_LATE else TickLimits.MAX_LOST):
         return ""
     lost = "".join(f"{count} positions dropped ({why}), " for why, count in series.dropped.items() if count)
     count = len(series.segments)
@@ -355,6 +363,8 @@ def describe_lost(name: str, share: float, series: Series) -> str:
     warm_up = f"a warm-up of {series.warm_up / series.rate_Hz:g} s"
     most = max(filter(series.dropped.get, series.dropped), key=series.dropped.__getitem__, default="")
     cause = "; it moves faster, or with more noise, than the recordings of the model" if most == DROPPED_OUTLIER else ""
+    if not cause and series.unsettled > TickLimits.MAX_LATE:
+        cause = f"; {series.rates}"
     return f"{name}: no force for {100.0 * share:.1f} % of the time: {lost}{warm_up} after {starts}{cause}"
 
 

@@ -20,12 +20,12 @@ from ces_data.arrays import F, I
 from ces_identify.limits import LackLimits, MisfitLimits
 from ces_identify.prepare.series import Series, changes
 from ces_identify.simulations.simulate import simulate_series, since_reversal
+from ces_identify.structures.kit import UNDETERMINED
 from ces_identify.validation.band import PLAIN, band_state
 from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation, pooled_cost
 from ces_observer.model import Model
 from ces_report.typesetting import three_figures
 
-UNDETERMINED = "undetermined"  # key of the texts in the provenance's selection
 FOLDS, DRAWS = 5, 99  # of blocks that are fitted on the others; of random signs
 MAX_TICKS = 20_000  # evenly spaced
 BLOCK_S, MIN_BLOCKS = 2.0, 14  # [s] far longer than the memory of a damper; blocks, for signs at random

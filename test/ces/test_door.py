@@ -80,6 +80,10 @@ def test_a_table_becomes_a_model_that_predicts_draws_reports_and_runs(tmp_path):
     assert len(frame) == len(model.body.terms) and (frame["standard_error"] >= 0.0).all()
     page = model.report(tmp_path / "report.html", note="first <try>")
     assert "first &lt;try&gt;" in page.read_text(encoding="utf-8")
+    again = model.report(tmp_path / "again.html", table)
+    assert again.read_text(encoding="utf-8").count('class="role') == page.read_text(encoding="utf-8").count(
+        'class="role'
+    )
     model.save(tmp_path / "model.json")
     assert ces.Model.load(tmp_path / "model.json").body == model.body
     assert isinstance(ces.Estimator(tmp_path / "model.json"), Estimator)
@@ -243,7 +247,7 @@ MISTAKES = {
     "half a step": (lambda m, r: m.predict(r, 2.5), "steps: is 2.5; expected a whole number"),
     "a current beyond": (
         lambda m, r: m.force_speed(9.0, 0.1),
-        "currents: 9 to 9 A; the model knows 0.25.* \\(envelope\\)",
+        "currents: 9 A; the model knows 0.25.* \\(envelope\\)",
     ),
     "no currents": (lambda m, r: m.force_speed([], 0.1), "currents: expected numbers"),
     "a teacher": (lambda m, r: ces.identify(r, teacher=3), "teacher: expected a model, a function or a path; got"),

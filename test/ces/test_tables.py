@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from planted_dampers import planted_model
 
 import ces
 from ces_data.reading import describe_finding
+from ces_identify.scripting.model import as_model
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "config/models/sample.json"
@@ -244,9 +246,51 @@ def test_stamps_that_are_no_nanoseconds_are_told():
     estimator = ces.Estimator(MODEL)
     assert all(estimator.step(k, 0.01, 0.5) is None for k in range(500))
     assert estimator.reason.startswith("warming up: the stamps hardly go on; expected whole nanoseconds")
+
+
+@pytest.mark.parametrize(("rate_Hz", "why"), [(50, "at about 50 Hz; this model needs 58 Hz or more"), (250, "")])
+def test_too_few_positions_a_second_are_named_as_the_cause(model, road, rate_Hz, why):
+    slow, estimator = road.resample(rate_Hz), ces.Estimator(model)
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        model.validate(slow)
+        force = model.simulate(slow)
+    for stamp_ns, x in zip(slow.channel("position").stamps_ns.tolist(), slow.channel("position").values, strict=True):
+        last = estimator.step(stamp_ns, x, 0.5)
+    assert np.isfinite(force).any() == (last is not None) == (not why)
+    assert estimator.reason == (f"warming up: positions come {why}" if why else "ok")
+    texts = [str(warning.message) for warning in given]
+    for start in ("road: on the vehicle there is no force at 100 %", "road: no force for 100.0 %") * bool(why):
+        assert any(text.startswith(start) and text.endswith(why) for text in texts)
+    assert why or not any("no force" in text for text in texts)
     estimator.reset()
     assert estimator.step(0, 0.01, 0.5) is None and estimator.step(1_000_000, 0.01, 0.5) is None
     assert estimator.reason == "warming up"
+
+
+def test_the_door_warns_of_what_the_error_depends_on_with_its_own_words(model, monkeypatch):
+    lines = ["The error depends on the speed: try --structure auto, or more --starts."]
+    monkeypatch.setattr("ces_identify.scripting.model.head_lines", lambda own, evaluations: lines * len(evaluations))
+    with pytest.warns(UserWarning, match='the speed: try structure="auto", or more starts'):
+        model.validate(ROOT / "bags/road")
+    with pytest.warns(UserWarning, match='the speed: try structure="auto", or more starts'):
+        ces.identify(table(), terms=1, starts=1, time=2.0, band=False)
+
+
+def test_one_evaluation_has_a_table_and_shows_no_internals(model, road):
+    (one,) = evaluations = model.validate(road)
+    assert one.to_frame().equals(evaluations.to_frame())
+    with pytest.raises(AttributeError) as error:
+        _ = one.qqq
+    assert "to_frame" in str(error.value) and "_text" not in str(error.value)
+
+
+def test_a_model_without_a_past_force_says_so_and_why_its_quantities_have_no_intervals(road):
+    damper = as_model(planted_model("uniflow"))
+    with pytest.warns(UserWarning, match="steps: 'hydraulic.* has no past force in it: what it predicts is what it"):
+        damper.predict(road, 5)
+    with pytest.warns(UserWarning, match="no 95 % intervals of the quantities: .* no time for them: give more time"):
+        damper.to_frame()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """An augmented simulation survives saving and runs like any other; an invalid file is an error of one line."""
 
 import json
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from example_effects import CurrentGain, Spring
 from made_recordings import recording_of
 
 from ces_data.recording import Channel, Recording
-from ces_gap.augmented import MAX_BYTES, is_augmented, load_augmented, save_augmented
+from ces_gap.augmented import MAX_BYTES, is_augmented, load_augmented, name_simulation, save_augmented
 from ces_gap.baseline.learner import Dictionary, LearnedCorrection, Scales
 from ces_gap.baseline.twin_fit import fit_twin
 from ces_gap.effects.effect import FLUID, Composition, Effect, EffectParameter, Setting
@@ -273,3 +274,13 @@ def test_a_failing_effect_of_the_user_is_an_error(tmp_path):
     path = save(tmp_path, Setting(Broken(), (1.0,)))
     with pytest.raises(CesError, match="cannot be run: ValueError: operands could not be broadcast"):
         load_augmented(path, open_here).force(recording())
+
+
+def test_a_simulation_that_no_program_finds_by_its_name_is_warned_of(tmp_path):
+    for spec in ("__main__:force", f"{__name__}:<lambda>", "model"):
+        with pytest.warns(UserWarning, match="no program can open what names the simulation"):
+            name_simulation(spec, tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for spec in ("topic:/force", "not_yet_imported:force", f"{__name__}:{damper.__name__}"):
+            name_simulation(spec, tmp_path)

@@ -69,7 +69,7 @@ def _make_segment(begin_ns: int, chance: random.Random) -> Segment:
     ticks = range(begin_ns // (10 * MS), (samples[-1][0] + 20 * MS) // (10 * MS))
     held = [(10 * k * MS, 0.5 + 0.2 * (k % 7)) for k in ticks]  # the same at the same time, on whichever side of a jump
     held[40], held[45] = (held[40][0], nan), (held[45][0], inf)
-    return Segment(samples[:300] + samples[320:], held[:10] + held[36:])
+    return Segment(samples[:300] + samples[320:], held[:10] + held[30:])
 
 
 class Offline:

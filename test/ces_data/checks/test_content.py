@@ -14,6 +14,7 @@ from ces_data.checks.content import (
     recording_marks,
     require_distinct,
     require_once,
+    select_new,
     shared_content,
 )
 from ces_data.recording import Channel, Recording
@@ -174,3 +175,12 @@ def test_older_model_files_know_the_bytes_of_their_bags():
     assert known([{"recording": "old", "sha256": "a1"}]) == "old"
     for damaged in (None, "a1", [1, "a1"], [{"marks": "zz 12"}, {"marks": 3, "sha256": 4}]):
         assert known(damaged) == ""
+
+
+def test_of_known_recordings_nothing_is_new_and_their_parts_are_refused():
+    whole, other = made("whole", seconds=20.0), made("other", 2)
+    assert select_new([replace(whole, name="copy"), other], [whole]) == [other]
+    with pytest.raises(
+        RecordingError, match=r"bags/part and bags/whole: share 6.0 s .*would count twice; give it once"
+    ):
+        select_new([part(whole, 2.0, 8.0)], [whole])

@@ -20,6 +20,7 @@ from ces_gap.effects.refitted import PARTS, StoredVolume
 from ces_gap.grid import rms
 from ces_gap.inference.both_sides import fit_both_sides, is_static
 from ces_gap.inference.evidence import Evidence, gather
+from ces_gap.inference.explanation import Explanation
 from ces_gap.inference.fit import EffectFit, Estimate
 from ces_gap.report.tables import describe_parameters
 from ces_identify.simulations.simulation import FunctionSimulation
@@ -67,6 +68,10 @@ def test_what_the_simulation_lacks_is_told_from_its_calibration(fit: EffectFit) 
     assert part.before.compression_m_N < 0.2 * part.after.compression_m_N
     assert "Stiffness of the compression chamber [kN/mm]" in part.read_quantities()
     texts = describe_parameters([Estimate("share", 1.0, (0.9, 1.1))], fit.composition.settings[1])
+    estimates, alone = ((Estimate("share", 1.0, (0.9, 1.1)),),), Composition((fit.composition.settings[1],))
+    shown = Explanation((part.name,), (part.form,), alone, estimates, 1.0, 0.9, (0.8, 1.0))
+    frame = pytest.importorskip("pandas") and shown.to_frame()
+    assert dict(zip(frame["parameter"], frame["value"], strict=True)) == {**part.read_quantities(), "share": 1.0}
     assert "kN/mm [the static map has none]" in str(texts[0]) and str(texts[-1]).startswith("share 1")
 
 

@@ -145,6 +145,7 @@ def test_print_frame_and_file_say_the_same(d: Diagnosis) -> None:
 def test_what_users_objected_to() -> None:
     """Sentences that stood in reports, each of which contradicted itself."""
     d = replace(named(), correction=LEARNED)
+    assert repr(d.gap) == "<Gap of 40 N RMS (37.6 to 42.6), J 5.31 %>"
     gap = replace(d.gap, rms_N=9.04, corrected_N=8.98)
     alike = replace(d, verdict=NO_GAP, no_gap_reason=Within.BASELINE_ERROR, gap=gap, held_out=())
     assert "all but 9 N of the 9 N" not in format_verdict(alike) and "9 N RMS are left" in format_verdict(alike)
@@ -154,10 +155,24 @@ def test_what_users_objected_to() -> None:
     assert "(position 1.2 ms late) is a cause, too: corrected, 0.176 N of 14.9 N RMS are left." in describe_timing(late)
     smoothed = replace(d.composition, effects=(TIMING,))
     assert "caused by the simulation's timing" in format_verdict(replace(d, composition=smoothed))
+    worse = replace(pair(), verdict=AMBIGUOUS, composition=replace(pair().composition, gap_after_N=40.0))
+    assert "grows from 36.1 N to 40 N" in format_verdict(worse) and "shrinks" not in format_verdict(worse)
     assert "80 N over 30 ms at 12.34 s of road (stroke 31 mm" in describe_rare(replace(d, rare=RARE))
     never = replace(d, verdict=AMBIGUOUS, doubt=Doubt.ALTERNATIVES, alternatives=("valve_lag",), next_experiment=None)
     assert "references that are free" not in report_page(never)
     assert "references that are free" in report_page(replace(never, correction=None))
+
+
+def test_fewer_effects_that_leave_less_are_named() -> None:
+    """Four effects left 129 N where one of them alone left 94.6 N, which only the table said."""
+    doubtful = replace(pair(), verdict=AMBIGUOUS, doubt=Doubt.NOT_CONFIRMED)
+    four = replace(doubtful, composition=replace(pair().composition, gap_after_N=20.0, without_N=(28.0, 3.0)))
+    assert format_verdict(doubtful).endswith(" to 1.2 N RMS.")
+    assert format_verdict(four).endswith(
+        " to 20 N RMS, but fewer effects leave less on held-out recordings: those without valve lag 3 N."
+    )
+    alone = replace(four, composition=replace(four.composition, without_N=()))
+    assert format_verdict(alone).endswith(": friction alone 4.5 N.")
 
 
 def test_the_terminal_shows_both_steps(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:

@@ -8,8 +8,12 @@ import pytest
 from planted import SAMPLING
 from planted_dampers import KINDS, planted_model, ride, started, truth
 
+from ces_identify.physical.models import free_run
 from ces_identify.simulations.simulate import simulate_series
+from ces_observer.errors import ModelError
 from ces_observer.model import Model, parse_model
+from ces_observer.records import read_record, write_record
+from ces_observer.structures.hydraulic import Hydraulic
 
 SHORT_S = 4.0
 STEP = 1e-6  # few steps move a drop across zero, where the opening of a check jumps
@@ -37,6 +41,21 @@ def test_every_vector_is_a_model_that_its_file_can_hold(kind):
         assert model.certify().holds
         assert parse_model(model.to_json(), "m.json").body == model.body
         assert json.loads(model.to_json())["structure"] == "hydraulic"
+
+
+@pytest.mark.parametrize("end", [-80.0, 80.0])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_ends_of_every_parameter_can_be_written_and_read_with_the_same_force(kind, end):
+    """A diagnosis wrote a chamber of 4.7e-15 m/N, which no program read."""
+    models, theta = truth(kind, bypass=True)
+    owners, inputs = np.array(models.layout.owners), models.training.inputs[:, :200]
+    for name in dict.fromkeys(owners):
+        places = np.flatnonzero(owners == name)
+        for moved in (places, places[:1]):
+            body = models.body(theta + end * np.isin(np.arange(len(theta)), moved))
+            again = read_record(Hydraulic, write_record(body), name, ModelError, complete=True)
+            forces = [free_run(one, models.scales.interval_s, inputs, np.array([[0, 200]])) for one in (body, again)]
+            np.testing.assert_array_equal(*forces, err_msg=name)
 
 
 @pytest.mark.parametrize("bypass", [False, True])

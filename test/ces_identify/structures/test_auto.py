@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from planted import NETWORK, planted
 
 from ces_identify.limits import ChoiceLimits
-from ces_identify.numerics.search import INTERRUPTED, Limits
+from ces_identify.numerics.search import INTERRUPTED, Limits, SearchResult
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare
 from ces_identify.structures import KITS, auto, run_batch
 from ces_identify.structures.auto import REASON, BestStructure, advise, default_sizes, select_fitter
-from ces_identify.structures.kit import Fitted, IdentifyOptions
+from ces_identify.structures.kit import UNDETERMINED, Fitted, IdentifyOptions
 from ces_identify.structures.mixture import mean_of
 from ces_observer.errors import CesError
 from ces_observer.structures.mixture import Mixture
@@ -36,7 +37,9 @@ def fitted(monkeypatch):
                 raise CesError("cannot be fitted")
             ended = INTERRUPTED if name == "stopped" else "done"
             model = LASTING if name == "lasting" else NETWORK
-            return Fitted(model, [SimpleNamespace(cost=cost, ended=ended)], {"parameters": 3})
+            return Fitted(
+                model, [SearchResult(np.empty(0, np.int64), np.empty(0), cost, 1, 0, ended)], {"parameters": 3}
+            )
 
         return SimpleNamespace(models=models, auto_work=0.5, auto_s=0.0, fitter=lambda sizes: fit, sizes=())
 
@@ -65,7 +68,10 @@ def test_the_best_is_taken_alone_if_no_other_is_nearly_as_good(fitted):
 def test_no_structure_is_begun_when_the_time_is_nearly_up(fitted, monkeypatch):
     limits, clock = fitted(experts=3.0, hydraulic=1.0, recurrent=4.0), iter([0.0, *[90.0] * 9])
     monkeypatch.setattr(auto, "clock_s", lambda: next(clock))
-    assert choose(time=100.0).how["structures"] == {"experts": 3.0} and list(limits) == ["experts"]
+    fit = choose(time=100.0)
+    assert fit.how["structures"] == {"experts": 3.0} and list(limits) == ["experts"]
+    assert fit.results[0].structure == "experts"
+    assert "--time ended the comparison of structures, without hydraulic and recurrent:" in fit.how[UNDETERMINED][0]
 
 
 def test_those_that_are_nearly_as_good_are_averaged_by_their_costs(fitted):
