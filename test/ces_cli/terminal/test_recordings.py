@@ -12,8 +12,8 @@ from programs import error_line
 from ces import Recording
 from ces_cli.main import main
 from ces_cli.terminal import terminal
-from ces_cli.terminal.inputs import find_bag, with_distinct_names
-from ces_data.bags.find import find_bags
+from ces_cli.terminal.inputs import with_distinct_names
+from ces_data.bags.find import find_bag, find_bags
 from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
 
@@ -45,7 +45,7 @@ def test_recordings_of_one_name_are_distinguished_by_their_paths():
 
 def test_one_bag(here):
     assert find_bag("deep") == Path("deep/three")
-    with pytest.raises(CesError, match=r"^\.: names 3 bags \(deep/three, one, two\); expected one$"):
+    with pytest.raises(CesError, match=r"^\.: names 3 recordings \(deep/three, one, two\); expected one$"):
         find_bag(".")
 
 
