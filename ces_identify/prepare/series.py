@@ -251,7 +251,7 @@ def _explain_stroke(status: NDArray[np.int8], current: F, sampling: Sampling) ->
     """Return that positions of this status (n,) are beyond the model's stroke, and what may be wrong with them."""
     beyond, (low, high) = int((status == BEYOND_STROKE).sum()), sampling.stroke_m
     text = (
-        f"{beyond} of {len(status)} positions are not within {low:.3g} to {high:.3g} m, which is the model's recorded "
+        f"{beyond} of {len(status)} positions are beyond {low:.3g} to {high:.3g} m, the model's recorded "
         "stroke and a margin; check unit"
     )
     is_stroke = changes(current) and low <= current.min() and current.max() <= high
