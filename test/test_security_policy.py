@@ -91,7 +91,9 @@ def literals() -> Iterator[str]:
                 if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name):
                     name = node.func.attr if isinstance(node.func, ast.Attribute) else node.func.id
                     if name in MAKERS:
-                        yield from filter(None, map(written, node.args))
+                        topics = list(filter(None, map(written, node.args)))
+                        yield from topics
+                        yield from (f"{topic}_band" for topic in topics if name == "EstimateOutput")
 
 
 def written(argument: ast.expr) -> str:

@@ -122,8 +122,8 @@ def prepare_identification(request: IdentifyProgramRequest) -> Identification:
     report = name_report(request.report, [request.out.stem], [path.stem for path in tested])
     inputs = [*paths[0], *paths[1], request.signals, find_file(request.teacher or "")]
     inputs += [candidates] if isinstance(candidates, Path) else []
-    require_model_name(request.out)
     require_outputs(request.overwrite, {OUT: request.out, REPORT: report}, inputs=inputs)
+    require_model_name(request.out)
     how = request.model.options()
     measured, (bags, validation) = _read_recordings(paths, request)
     require_distinct(bags, validation)

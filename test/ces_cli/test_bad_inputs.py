@@ -110,8 +110,7 @@ replay model.json one --out full | full: is a folder but not a bag
 replay model.json one --out full --overwrite | full: is a folder but not a bag
 replay model.json one --out one --overwrite | one: is an input, too
 export model.json --out m.cpp | m.cpp: expected a name that ends in .ces (flat file of the C++ node) or .c (C99
-export model.json --out m.c --format fmu | m.c: expected a name that ends in .fmu (FMI 2.0 co-simulation)
-export model.json --out m --format c | m: expected a name that ends in .c
+export model.json --out m | m: expected a name that ends in .ces
 export model.json --out m.c --sources-only | --sources-only applies to an FMU only
 export model.json --out missing/m.fmu --sources-only | missing/m.fmu: the folder
 export model.json --out missing/m.c | missing does not exist; make it first

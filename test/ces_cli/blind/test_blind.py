@@ -62,7 +62,7 @@ def make_gap(label: CaseLabel, knows: bool) -> dict[str, Any]:
         "schema": "ces-gap/1",
         "verdict": verdict,
         "causes": causes,
-        "composition": {"effects": found, "shrink": None},
+        "composition": {"effects": found, "shrink": None, "probability": float(bool(found))},
         "indistinguishable": [],
         "probabilities": {"none": float(verdict == "no_gap"), "unknown": float(verdict == "unknown")},
     }

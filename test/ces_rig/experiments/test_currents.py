@@ -15,6 +15,7 @@ STROKE = 0.018 * np.sin(2 * np.pi * 2 * TIME)
 
 EXAMPLES = [
     {"kind": "constant", "current_A": 0.5},
+    {"kind": "ramp"},
     {"kind": "steps", "levels_A": [0.29, 0.5, 0.7]},
     {"kind": "prbs"},
     {"kind": "binary"},
