@@ -93,6 +93,7 @@ class Pairs(PrintedResults[PairResult]):
                 "high_percent": math.nan if pair.pooled.high is None else pair.pooled.high,
                 "p_value": math.nan if pair.p_value is None else pair.p_value,
                 "verdict": pair.verdict,
+                "better": "" if pair.better is None else pair.names[pair.better != pair.first],
             }
             for pair in self
         ]

@@ -31,6 +31,7 @@ from ces_data.reading import (
 )
 from ces_data.recording import join_days
 from ces_identify.identification import identify
+from ces_identify.limits import MisfitLimits
 from ces_identify.numerics.least_squares import one_blas_thread
 from ces_identify.numerics.search import SearchResult
 from ces_identify.options import IdentifyRequest
@@ -140,8 +141,8 @@ class Model(Suggesting, model.Model):
         """Return the force [N] at every position sample (n,), predicted `steps` ticks ahead from the measured ones.
 
         A model without its own past force in it, such as a hydraulic network, predicts what it simulates, as does a
-        prediction over more ticks than a stretch has. NaN where `simulate` has none; a DataFrame's force is a Series
-        with its index. Raises CesError without a measured force.
+        prediction over more ticks than a stretch has, and each after ticks without a measured force. NaN where
+        `simulate` has none; a DataFrame's force is a Series with its index. Raises CesError without a measured force.
         """
         if not isinstance(steps, int | np.integer) or steps < 1:
             raise CesError(f"steps: is {steps!r}; expected a whole number of ticks, at least 1")
@@ -154,6 +155,8 @@ class Model(Suggesting, model.Model):
         predicted = predict_series(self, run.series, int(steps))
         if np.array_equal(predicted, run.run.force, equal_nan=True):
             warn(f"steps: '{self.structure}' has no past force in it: what it predicts is what it simulates")
+        elif (share := float(np.isnan(run.series.force).mean())) > MisfitLimits.MAX_OUTSIDE:
+            warn(f"{given.name}: no force was measured for {share:.1%} of the time: there it is simulated")
         force = force_at_samples(predicted, run.newest, run.ahead, self.force_envelope_N)
         return like(recording, given, np.where(np.isfinite(run.force), force, np.nan))
 

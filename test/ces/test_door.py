@@ -99,6 +99,14 @@ def test_a_prediction_uses_the_measured_force_and_many_steps_are_a_simulation(mo
         np.testing.assert_array_equal(model.predict(road, 99_999), simulated)
 
 
+def test_a_prediction_without_measured_forces_is_said_to_be_a_simulation(model, road):
+    pytest.importorskip("pandas")
+    table = road.to_frame()
+    table.loc[table.index[len(table) // 2 :], "force_N"] = np.nan
+    with pytest.warns(UserWarning, match=r"no force was measured for 5\d\.\d% of the time: there it is simulated"):
+        model.predict(table)
+
+
 def test_standard_errors_cover_the_truth():
     pytest.importorskip("pandas")
     dice, t = np.random.default_rng(3), np.arange(0.0, 30.0, 0.004)
