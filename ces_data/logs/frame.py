@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.logs.csv_cells import is_missing
 from ces_data.logs.log_file import LogTable
 from ces_data.logs.log_mapping import LogColumn
 from ces_data.recording import Stamps, Values
@@ -109,11 +110,16 @@ def _as_array(values: Any, where: str) -> NDArray[Any]:
 
 
 def _read_text(array: NDArray[Any]) -> NDArray[Any]:
-    """Return objects or text as numbers, else as dates, if all are; else as text."""
-    for kind in ("f8", "M8[ns]"):
+    """Return objects or text as numbers, NaN for words that mean none, else as dates, if all are; else as text."""
+    cells = [np.nan if _is_blank(cell) else cell for cell in array.ravel()]
+    for given, kind in ((np.array(cells, dtype=object).reshape(array.shape), "f8"), (array, "M8[ns]")):
         with suppress(TypeError, ValueError):
-            return array.astype(kind)
+            return given.astype(kind)
     return np.asarray([str(value) for value in array.ravel()])
+
+
+def _is_blank(cell: object) -> bool:
+    return isinstance(cell, str) and (not cell.strip() or is_missing(cell))
 
 
 def _is_number(cell: str) -> bool:

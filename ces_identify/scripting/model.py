@@ -220,6 +220,7 @@ class Model(Suggesting, model.Model):
         one = only(as_recordings(recording, need=SIGNALS[:2], called="recording"))
         series = prepare(one, self.sampling)
         run, is_measured = simulate_series(self, series), bool(np.isfinite(series.force).any())
+        force = _without_warm_up(run.force, series)
         figure, (over_time, over_speed) = pyplot.subplots(
             1, 2, figsize=(11, 4), width_ratios=(2, 1), sharey=True, layout="constrained"
         )
@@ -227,11 +228,11 @@ class Model(Suggesting, model.Model):
             style = "-" if axes is over_time else "."
             if is_measured:
                 axes.plot(x, series.force, style, label="measured", color="0.3", linewidth=1.0, markersize=1.5)
-            axes.plot(x, run.force, style, label="simulated", color="C1", linewidth=1.0, markersize=1.5)
+            axes.plot(x, force, style, label="simulated", color="C1", linewidth=1.0, markersize=1.5)
             axes.grid(alpha=0.3)
         if self.band is not None:
             half = band_half_width(self.band, series, run.force, self.used_gap_A)
-            low, high, name = run.force - half, run.force + half, f"band ({100 * self.band.level:.0f} %)"
+            low, high, name = force - half, force + half, f"band ({100 * self.band.level:.0f} %)"
             over_time.fill_between(series.time_s, low, high, color="C1", alpha=0.25, linewidth=0.0, label=name)
         if run.clamped.any():
             ends, whole = over_time.get_xaxis_transform(), {"color": "0.5", "alpha": 0.2, "linewidth": 0.0}
@@ -323,6 +324,14 @@ class Model(Suggesting, model.Model):
         knows += f"; {join_with(others)} not used" if others else ""
         size = f"{self.structure}: {describe_size(self)} at {self.sampling.rate_Hz:g} Hz, {proof}"
         return f"{size}; force positive in compression\nknows {knows}"
+
+
+def _without_warm_up(force: F, series: Series) -> F:
+    """Return a force [N] on ticks (n,), NaN in the warm-up of each stretch, where the vehicle has none."""
+    shown = force.copy()
+    for start, stop in series.segments:
+        shown[start : min(start + series.warm_up, stop)] = np.nan
+    return shown
 
 
 def _as_numbers(name: str, given: ArrayLike) -> F:

@@ -385,6 +385,9 @@ def test_results_print_a_few_lines_and_a_table(road):
 def test_a_plot_shows_the_band_and_times_outside_the_envelope(model, road):
     pyplot = pytest.importorskip("matplotlib.pyplot")
     slow = {"time_s": T, "position_m": X, "current_A": np.where(T < 3.0, 0.5, 5.0)}
-    labels = model.plot(slow).axes[0].get_legend_handles_labels()[1]
-    assert labels == ["simulated", "band (90 %)", "outside the envelope"]
+    axes = model.plot(slow).axes[0]
+    assert axes.get_legend_handles_labels()[1] == ["simulated", "band (90 %)", "outside the envelope"]
+    (line,) = axes.lines
+    shown = np.isfinite(line.get_ydata())
+    assert not shown[line.get_xdata() < model.warm_up_s - 0.01].any() and shown[-1]  # as `simulate`
     pyplot.close("all")

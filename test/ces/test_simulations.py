@@ -113,3 +113,22 @@ def test_a_script_hears_that_kernels_are_compiled_but_not_of_its_own(tmp_path):
     more = {"env": {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}, "text": True, "capture_output": True}
     before, after = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, **more).stderr.split("own\n")
     assert not before and after.startswith("<string>:3: UserWarning: compiling numerical kernels, once on this"), after
+
+
+@pytest.mark.parametrize("word", ["NA", "n/a", "-", ""])
+def test_a_cell_that_says_missing_is_missing(word):
+    pytest.importorskip("pandas")
+    frame = ces.Recording.load(ROOT / "bags/road").part(0, 4).to_frame().dropna()
+    text = frame.assign(force_N=frame["force_N"].astype(object))
+    text.iloc[50, 2] = word
+    assert len(ces.Recording.from_frame(text).channel("force")) == len(frame) - 1
+
+
+def test_a_pair_names_the_better_one_in_its_frame():
+    pytest.importorskip("pandas")
+    both = {
+        "poor": lambda t, x, i: 3000.0 * np.gradient(x, t),
+        "good": lambda t, x, i: (2e3 + 3e3 * i) * np.gradient(x, t),
+    }
+    pairs = ces.compare(both, ces.Recording.load(ROOT / "bags/road").part(0, 12)).pairs
+    assert list(pairs.to_frame()["better"]) == ["good"] and pairs[0].text == "good is better than poor"

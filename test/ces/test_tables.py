@@ -242,16 +242,6 @@ def test_results_have_frames_and_a_comparison_a_plot():
         tables.to_frame("loop")
 
 
-def test_a_pair_names_the_better_one_in_its_frame():
-    pytest.importorskip("pandas")
-    both = {
-        "poor": lambda t, x, i: 3000.0 * np.gradient(x, t),
-        "good": lambda t, x, i: (2e3 + 3e3 * i) * np.gradient(x, t),
-    }
-    pairs = ces.compare(both, ces.Recording.load(ROOT / "bags/road").part(0, 12)).pairs
-    assert list(pairs.to_frame()["better"]) == ["good"] and pairs[0].text == "good is better than poor"
-
-
 def test_stamps_that_are_no_nanoseconds_are_told():
     estimator = ces.Estimator(MODEL)
     assert all(estimator.step(k, 0.01, 0.5) is None for k in range(500))
