@@ -51,7 +51,7 @@ from ces_identify.simulations.simulate import (
 )
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.structures import model_section
-from ces_identify.structures.hydraulic import Quantity, explain_missing_errors, list_quantities
+from ces_identify.structures.hydraulic import FoundQuantity, explain_missing_errors, list_quantities
 from ces_identify.structures.polynomial import coefficient_unit, format_term
 from ces_identify.validation.band import band_half_width
 from ces_identify.validation.checked import evaluate_checked, warnings_on
@@ -302,7 +302,7 @@ class Model(Suggesting, model.Model):
             return pandas.DataFrame(rows, columns=["regressor", "coefficient", "unit", "standard_error"])
         if isinstance(self.body, Hydraulic):
             warn_all(filter(None, [explain_missing_errors(self)]))
-            return pandas.DataFrame(list_quantities(self.body, self), columns=Quantity._fields)
+            return pandas.DataFrame(list_quantities(self.body, self), columns=FoundQuantity._fields)
         table = model_section(self, used, IDENTIFICATION).table
         rows = [[_plain(Markup(column.text(row))) for column in table.columns] for row in table.rows]
         return pandas.DataFrame(rows, columns=[_snake(_plain(Markup(column.heading))) for column in table.columns])

@@ -166,7 +166,7 @@ def physical_table(body: Hydraulic, model: Model, runs: Sequence[SimulatedSeries
     return Section("damper", "The damper", table, ABOUT if errors else NO_ERRORS, charts=charts)
 
 
-class Quantity(NamedTuple):
+class FoundQuantity(NamedTuple):
     """A quantity of the damper in its `unit`, with its 95 % interval; NaN without a standard error."""
 
     quantity: str
@@ -177,7 +177,7 @@ class Quantity(NamedTuple):
     high: float
 
 
-def list_quantities(body: Hydraulic, model: Model) -> list[Quantity]:
+def list_quantities(body: Hydraulic, model: Model) -> list[FoundQuantity]:
     """Return the quantities of a network, with what its identification found of their errors."""
     values = quantities.read_quantities(body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m)
     errors = model.provenance.get("selection", {}).get(quantities.ERRORS, {}).get("quantities", {})
@@ -196,14 +196,14 @@ def explain_missing_errors(model: Model) -> str:
     return f"no 95 % intervals of the quantities: {why}"
 
 
-def _as_quantity(name: str, value: float, error: float) -> Quantity:
+def _as_quantity(name: str, value: float, error: float) -> FoundQuantity:
     error = error if isfinite(error) and error > 0.0 else nan
     low, high = value - IN_95_PERCENT * error, value + IN_95_PERCENT * error
     what, _, unit = name.partition(" [")
-    return Quantity(what, value, unit.rstrip("]"), error, low if name.startswith(SIGNED) else max(low, 0.0), high)
+    return FoundQuantity(what, value, unit.rstrip("]"), error, low if name.startswith(SIGNED) else max(low, 0.0), high)
 
 
-def _row(of: Quantity) -> tuple[str, ...]:
+def _row(of: FoundQuantity) -> tuple[str, ...]:
     name = f"{of.quantity} [{of.unit}]" if of.unit else of.quantity
     if not isfinite(of.standard_error):
         return name, format_number(of.value, 4), "–", "–"
